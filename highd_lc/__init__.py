@@ -1,0 +1,1 @@
+"""Lane-change calibration and validation on HighD recordings."""

@@ -1,0 +1,1 @@
+"""The pipeline stages: tables to arrays and back."""

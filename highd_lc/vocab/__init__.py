@@ -1,0 +1,1 @@
+"""The language: names, parameters, settings, containers, errors."""

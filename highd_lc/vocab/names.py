@@ -1,0 +1,87 @@
+"""Every fixed word that travels in the tables: roles, policies, accountings, statuses, reasons."""
+
+from typing import Final
+
+# Roles of the vehicles of an event (SPEC section 11).
+EGO: Final = "ego"
+ORIGIN_LEADER: Final = "origin_leader"
+ORIGIN_FOLLOWER: Final = "origin_follower"
+TARGET_LEADER: Final = "target_leader"
+TARGET_FOLLOWER: Final = "target_follower"
+
+
+def target_follower(rank: int) -> str:
+    """Role of the follower of that rank on the target lane, 1 = nearest to the ego."""
+    return f"{TARGET_FOLLOWER}_{rank}"
+
+
+# Policies (SPEC section 6).
+NO_LANE_CHANGE: Final = "no_lane_change"
+CONSTANT: Final = "constant"
+HUMAN: Final = "human"
+BENCHMARK: Final = "benchmark"
+LOCAL_OPTIMUM: Final = "local_optimum"
+BENCHMARK_FREE: Final = "benchmark_free"
+LOCAL_OPTIMUM_FREE: Final = "local_optimum_free"
+REFERENCE_POLICIES: Final = (NO_LANE_CHANGE, CONSTANT, HUMAN)
+FIXED_POLICIES: Final = (BENCHMARK, LOCAL_OPTIMUM)
+FREE_POLICIES: Final = (BENCHMARK_FREE, LOCAL_OPTIMUM_FREE)
+POLICIES: Final = REFERENCE_POLICIES + FIXED_POLICIES + FREE_POLICIES
+
+# Forms of the plan: end speed equal to the start speed, or free (SPEC section 2).
+FIXED: Final = "fixed"
+FREE: Final = "free"
+FORMS: Final = (FIXED, FREE)
+
+# Accountings: over which time each side is charged (SPEC section 4).
+PAPER: Final = "paper"
+FOLLOWER_HORIZON: Final = "follower_horizon"
+EQUAL: Final = "equal"
+ACCOUNTINGS: Final = (PAPER, FOLLOWER_HORIZON, EQUAL)
+PRIMARY_ACCOUNTING: Final = EQUAL
+
+# Statuses of a plan.
+SOLVED: Final = "solved"
+REFERENCE: Final = "reference"
+INFEASIBLE: Final = "infeasible"
+INFEASIBLE_AT_START: Final = "infeasible_at_start"
+PLAN_STATUSES: Final = (SOLVED, REFERENCE, INFEASIBLE, INFEASIBLE_AT_START)
+
+# Statuses of a fit of the LCM (DESIGN, followers.parquet).
+FITTED: Final = "fitted"
+CLASS_POOL: Final = "class_pool"
+POOL: Final = "pool"
+TABLE3: Final = "table3"
+FIT_STATUSES: Final = (FITTED, CLASS_POOL, POOL, TABLE3)
+
+# Vehicle classes as HighD writes them.
+CAR: Final = "Car"
+TRUCK: Final = "Truck"
+CLASSES: Final = (CAR, TRUCK)
+
+LEFT: Final = "left"
+RIGHT: Final = "right"
+
+# Reasons why a lane-id change is not a usable event; the order is the order in which they are tested.
+OUTSIDE_MARKINGS: Final = "outside_markings"
+NOT_ADJACENT: Final = "not_adjacent"
+RETURNED: Final = "returned"
+CUT_BEFORE_START: Final = "cut_before_start"
+CUT_AFTER_END: Final = "cut_after_end"
+SECOND_CHANGE: Final = "second_change"
+SMALL_SHIFT: Final = "small_shift"
+TRACK_HOLE: Final = "track_hole"
+FOLLOWER_AHEAD: Final = "follower_ahead"
+NO_TARGET_FOLLOWER: Final = "no_target_follower"
+REASONS: Final = (
+    OUTSIDE_MARKINGS,
+    NOT_ADJACENT,
+    TRACK_HOLE,
+    RETURNED,
+    CUT_BEFORE_START,
+    CUT_AFTER_END,
+    SECOND_CHANGE,
+    SMALL_SHIFT,
+    FOLLOWER_AHEAD,
+    NO_TARGET_FOLLOWER,
+)
