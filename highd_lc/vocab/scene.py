@@ -1,6 +1,6 @@
 """Frozen containers of an event as arrays: what the planner reads and nothing else."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,10 +10,11 @@ FloatArray = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Motion:
-    """A vehicle's motion on the time grid of a scene (t_k = k dt, k = 0 .. N) and its size.
+    """A vehicle's motion on the time grid of a scene, t_k = k dt, k = 0 .. N, and its size.
 
-    x, y: box centre relative to the ego's centre at t_start [m], shape (N + 1,); v: forward speed [m/s], shape
-    (N + 1,); length, width [m]; observed: number of leading samples that were recorded, the rest is predicted.
+    x, y: box centre relative to the ego's centre at t_start [m], shape (N + 1,); v: forward speed [m/s],
+    shape (N + 1,); length, width [m]; observed: number of leading samples that were recorded, the rest is
+    predicted.
     """
 
     x: FloatArray
@@ -25,21 +26,57 @@ class Motion:
 
 
 @dataclass(frozen=True)
+class Human:
+    """The ego's recorded motion on the time grid 0 .. T (T = duration, rounded to dt), smoothed.
+
+    x, y: box centre relative to t_start [m]; vx, vy [m/s]; ax, ay [m/s^2]; jx, jy [m/s^3]; all of shape
+    (n + 1,). crossing: sample of the lane crossing. comfort_raw: jerk sum of the recorded accelerations,
+    unsmoothed [m/s^3].
+    """
+
+    x: FloatArray
+    y: FloatArray
+    vx: FloatArray
+    vy: FloatArray
+    ax: FloatArray
+    ay: FloatArray
+    jx: FloatArray
+    jy: FloatArray
+    crossing: int
+    comfort_raw: float
+
+
+@dataclass(frozen=True)
+class Followers:
+    """The p followers on the target lane at t_start, nearest first.
+
+    x, y: box centres relative to the ego's centre [m], v: speed [m/s], length, width [m], each of shape (p,).
+    parameters: LCM of each with L moved behind the AV (L_replay), shape (p, 6). L_no_change: L of the first
+    one when it stays behind the target leader [m]. recorded: their recorded motions where in view.
+    """
+
+    x: FloatArray
+    y: FloatArray
+    v: FloatArray
+    length: FloatArray
+    width: FloatArray
+    parameters: FloatArray
+    L_no_change: float
+    recorded: tuple[Motion, ...]
+
+
+@dataclass(frozen=True)
 class Scene:
     """Everything the planner knows of one lane change, relative to the ego's box centre at t_start.
 
-    v0: the ego's recorded speed at t_start [m/s]; lateral_shift: D, left positive [m]; length, width of the ego
-    [m]; wheelbase [m]; dt [s]; target_leader, origin_leader: motions over 0 .. H, or None. Followers on the
-    target lane, nearest first, by their states at t_start: follower_x, follower_y (box centres) [m],
-    follower_v [m/s], follower_length, follower_width [m], each of shape (p,); follower_parameters: LCM of each,
-    L already moved behind the AV (L_replay), shape (p, 6); leader_change_L: what to add to L_replay of the
-    first follower when it stays behind the target leader [m]. origin_follower: x, y, v, length, width at
-    t_start, shape (5,), empty if there is none. human_*: the ego's smoothed recorded motion over
-    0 .. human_duration (a multiple of dt), shape (n + 1,).
+    v0: the ego's recorded speed at t_start [m/s]; a0: its recorded acceleration [m/s^2]; lateral_shift: D,
+    left positive [m]; length, width, wheelbase of the ego [m]; dt: step of the time grid [s]; target_leader,
+    origin_leader, origin_follower: motions over 0 .. H, or None (the origin follower's matter at t_start).
     """
 
     event_id: str
     v0: float
+    a0: float
     lateral_shift: float
     length: float
     width: float
@@ -47,12 +84,6 @@ class Scene:
     dt: float
     target_leader: Motion | None
     origin_leader: Motion | None
-    origin_follower: FloatArray
-    follower_x: FloatArray
-    follower_y: FloatArray
-    follower_v: FloatArray
-    follower_length: FloatArray
-    follower_width: FloatArray
-    follower_parameters: FloatArray
-    first_follower_L: float
-    human: dict[str, FloatArray] = field(default_factory=dict)
+    origin_follower: Motion | None
+    followers: Followers
+    human: Human

@@ -1,0 +1,218 @@
+"""Artefacts: parquet tables with a checked schema and their provenance, written atomically.
+
+Layout below the work folder: ``<table>.parquet`` for finished artefacts, ``tracks/recording=NN/`` for the one
+table that is too large to combine, and ``parts/<stage>/<NN>/<table>.parquet`` for what a stage made of one
+recording. A finished artefact holds one row group a recording, so that a recording is read alone.
+"""
+
+import json
+import os
+from collections.abc import Iterable, Iterator
+from dataclasses import asdict
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from highd_lc.io import schemas
+from highd_lc.vocab.errors import ArtefactError
+from highd_lc.vocab.job import Job, Provenance
+from highd_lc.vocab.tables import SCHEMA_VERSION, TABLES, Column, Table
+
+_METADATA = b"highd_lc"
+_ARROW = {
+    "int64": pa.int64(),
+    "int32": pa.int32(),
+    "float64": pa.float64(),
+    "float32": pa.float32(),
+    "string": pa.string(),
+    "bool": pa.bool_(),
+    "list<int64>": pa.list_(pa.int64()),
+    "list<string>": pa.list_(pa.string()),
+    "list<float64>": pa.list_(pa.float64()),
+    "map<string,float64>": pa.map_(pa.string(), pa.float64()),
+    "map<string,int64>": pa.map_(pa.string(), pa.int64()),
+}
+
+
+@cache
+def arrow_schema(name: str) -> pa.Schema:
+    """The arrow schema of a table, column meanings and units as field metadata."""
+    return pa.schema([_field(column) for column in TABLES[name].columns])
+
+
+def _field(column: Column) -> pa.Field:
+    about = {"meaning": column.meaning, "unit": column.unit}
+    return pa.field(column.name, _ARROW[column.kind], nullable=True, metadata=about)
+
+
+def path_of(work: Path, name: str) -> Path:
+    """Where a finished artefact lies."""
+    return work / f"{name}.parquet"
+
+
+def part_folder(work: Path, stage: str, recording: int) -> Path:
+    """Folder of what a stage made of one recording."""
+    return work / "parts" / stage / f"{recording:02d}"
+
+
+def tracks_folder(work: Path, recording: int) -> Path:
+    """Folder of a recording's tracks."""
+    return work / "tracks" / f"recording={recording:02d}"
+
+
+def to_arrow(name: str, frame: pd.DataFrame, provenance: Provenance) -> pa.Table:
+    """A frame as the arrow table of an artefact: ordered, typed, checked, with its provenance.
+
+    Raises ArtefactError naming table and column if a column is missing or holds what it may not.
+    """
+    table = TABLES[name]
+    missing = [column for column in table.column_names if column not in frame.columns]
+    if missing:
+        raise ArtefactError(f"{name}: column {missing[0]!r} is missing")
+    arrays = [_to_array(name, column, frame[column.name]) for column in table.columns]
+    result = pa.Table.from_arrays(arrays, schema=arrow_schema(name))
+    check(table, result)
+    about = {"schema_version": SCHEMA_VERSION, **asdict(provenance)}
+    return result.replace_schema_metadata({_METADATA: json.dumps(about, sort_keys=True).encode()})
+
+
+def _to_array(name: str, column: Column, values: pd.Series) -> pa.Array:
+    kind = _ARROW[column.kind]
+    try:
+        if column.kind.startswith("map"):
+            return pa.array([None if v is None else list(dict(v).items()) for v in values], type=kind)
+        array = pa.array(values, type=kind, from_pandas=True)
+    except (pa.ArrowInvalid, pa.ArrowTypeError) as error:
+        raise ArtefactError(f"{name}: column {column.name!r}: {error}") from error
+    return array.combine_chunks() if isinstance(array, pa.ChunkedArray) else array
+
+
+def write(path: Path, table: pa.Table) -> None:
+    """Write a table to a temporary name, flush it to disk and rename it: never half-written."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+    try:
+        with temporary.open("wb") as sink:
+            pq.write_table(table, sink, compression="zstd", compression_level=1)
+            sink.flush()
+            os.fsync(sink.fileno())
+        temporary.replace(path)
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def write_part(job: Job, stage: str, name: str, frame: pd.DataFrame) -> int:
+    """Write what a stage made of a recording; rows are put in the table's order. Returns their number."""
+    ordered = frame.sort_values(list(TABLES[name].order), kind="stable")
+    write(
+        part_folder(job.work, stage, job.recording) / f"{name}.parquet",
+        to_arrow(name, ordered, job.provenance),
+    )
+    return len(ordered)
+
+
+def concatenate(work: Path, stage: str, name: str, recordings: Iterable[int], provenance: Provenance) -> int:
+    """Join a stage's parts into the finished artefact, one row group a recording. Returns its rows."""
+    paths = [part_folder(work, stage, recording) / f"{name}.parquet" for recording in sorted(recordings)]
+    return write_groups(work, name, (pq.read_table(path) for path in paths), provenance)
+
+
+def write_groups(work: Path, name: str, groups: Iterable[pa.Table], provenance: Provenance) -> int:
+    """Write a finished artefact from its row groups, one at a time. Returns the number of rows."""
+    path = path_of(work, name)
+    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+    about = {"schema_version": SCHEMA_VERSION, **asdict(provenance)}
+    schema = arrow_schema(name).with_metadata({_METADATA: json.dumps(about, sort_keys=True).encode()})
+    rows = 0
+    try:
+        with temporary.open("wb") as sink:
+            with pq.ParquetWriter(sink, schema, compression="zstd", compression_level=1) as writer:
+                for group in groups:
+                    rows += group.num_rows
+                    writer.write_table(group.cast(schema), row_group_size=max(group.num_rows, 1))
+            sink.flush()
+            os.fsync(sink.fileno())
+        temporary.replace(path)
+    finally:
+        temporary.unlink(missing_ok=True)
+    return rows
+
+
+def read(
+    work: Path, name: str, *, recording: int | None = None, columns: list[str] | None = None
+) -> pd.DataFrame:
+    """Read a finished artefact, all of it or one recording's rows.
+
+    Nullable integers come as Int64, maps as dicts. Raises ArtefactError if it is missing, of another schema
+    version, or damaged.
+    """
+    return read_file(path_of(work, name), name, recording=recording, columns=columns)
+
+
+def read_tracks(work: Path, recording: int, *, columns: list[str] | None = None) -> pd.DataFrame:
+    """Read the tracks of one recording."""
+    return read_file(tracks_folder(work, recording) / "part-0.parquet", "tracks", columns=columns)
+
+
+def read_part(
+    work: Path, stage: str, name: str, recording: int, *, columns: list[str] | None = None
+) -> pd.DataFrame:
+    """Read what a stage made of one recording."""
+    return read_file(part_folder(work, stage, recording) / f"{name}.parquet", name, columns=columns)
+
+
+def read_file(
+    path: Path, name: str, *, recording: int | None = None, columns: list[str] | None = None
+) -> pd.DataFrame:
+    """Read an artefact's file and check it against its schema (see ``read``)."""
+    filters = None if recording is None else [("recording_id", "==", recording)]
+    try:
+        provenance_of(path)
+        table = pq.read_table(path, columns=columns, filters=filters, partitioning=None)
+    except FileNotFoundError as error:
+        raise ArtefactError(f"{path}: not found; run the stage that makes {name}") from error
+    except (pa.ArrowInvalid, OSError) as error:
+        raise ArtefactError(f"{path}: cannot be read: {error}") from error
+    check(TABLES[name], table)
+    return _to_frame(TABLES[name], table)
+
+
+def _to_frame(table: Table, data: pa.Table) -> pd.DataFrame:
+    frame = data.to_pandas(maps_as_pydicts="strict")
+    for column in table.columns:
+        if column.nullable and column.kind == "int64" and column.name in frame:
+            frame[column.name] = data[column.name].to_pandas(types_mapper={pa.int64(): pd.Int64Dtype()}.get)
+    return frame
+
+
+def provenance_of(path: Path) -> dict[str, Any]:
+    """The provenance that an artefact carries. Raises ArtefactError if its schema version is another."""
+    about: dict[str, Any] = json.loads((pq.read_schema(path).metadata or {}).get(_METADATA, b"{}"))
+    version = about.get("schema_version")
+    if version != SCHEMA_VERSION:
+        raise ArtefactError(f"{path}: schema version {version}, this code reads {SCHEMA_VERSION}")
+    return about
+
+
+def check(table: Table, data: pa.Table) -> None:
+    """Check types, nulls and value ranges of the columns present. Raises ArtefactError at the first fault."""
+    from highd_lc.io import schemas
+
+    for problem in _type_problems(table, data):
+        raise ArtefactError(f"{table.name}: {problem}")
+    schemas.check_values(table, data)
+
+
+def _type_problems(table: Table, data: pa.Table) -> Iterator[str]:
+    for column in table.columns:
+        if column.name not in data.column_names:
+            continue
+        found = data.schema.field(column.name).type
+        if found != _ARROW[column.kind]:
+            yield f"column {column.name!r} is {found}, expected {_ARROW[column.kind]}"
+        if not column.nullable and data[column.name].null_count:
+            yield f"column {column.name!r} holds {data[column.name].null_count} nulls"

@@ -1,0 +1,52 @@
+"""Value checks of artefacts, by pandera, built from the column list of vocab.tables."""
+
+from functools import cache
+
+import pandas as pd
+import pandera.pandas as pandera
+import pyarrow as pa
+from pandera.errors import SchemaError
+
+from highd_lc.vocab.errors import ArtefactError
+from highd_lc.vocab.tables import TABLES, Column, Table
+
+
+@cache
+def schema(name: str) -> pandera.DataFrameSchema:
+    """The pandera schema of a table: ranges and allowed words of its columns."""
+    columns = {c.name: pandera.Column(checks=_checks(c), nullable=c.nullable) for c in _limited(TABLES[name])}
+    return pandera.DataFrameSchema(columns, name=name)
+
+
+def _limited(table: Table) -> list[Column]:
+    return [c for c in table.columns if c.allowed or c.minimum is not None or c.maximum is not None]
+
+
+def _checks(column: Column) -> list[pandera.Check]:
+    checks = []
+    if column.minimum is not None:
+        checks.append(pandera.Check.ge(column.minimum))
+    if column.maximum is not None:
+        checks.append(pandera.Check.le(column.maximum))
+    if column.allowed:
+        checks.append(pandera.Check.isin(list(column.allowed)))
+    return checks
+
+
+def check_values(table: Table, data: pa.Table) -> None:
+    """Check ranges and allowed words of the columns present.
+
+    Raises ArtefactError naming table, column and the first value that is not allowed.
+    """
+    present = [c.name for c in _limited(table) if c.name in data.column_names]
+    if not present or data.num_rows == 0:
+        return
+    frame: pd.DataFrame = data.select(present).to_pandas()
+    try:
+        schema(table.name).select_columns(present).validate(frame)
+    except SchemaError as error:
+        raise ArtefactError(f"{table.name}: {_in_one_line(error)}") from error
+
+
+def _in_one_line(error: SchemaError) -> str:
+    return " ".join(str(error).split())[:300]

@@ -1,0 +1,60 @@
+"""What a stage is handed: one recording to work on, or all finished parts to combine."""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Final
+
+from highd_lc.vocab.settings import Settings
+
+ALL: Final = -1
+
+
+@dataclass(frozen=True)
+class Provenance:
+    """Where an artefact comes from; it travels in the artefact's metadata.
+
+    settings: hash of the settings; inputs: hash of each input; seed: of the run; code: version of the code.
+    """
+
+    settings: str
+    inputs: dict[str, str]
+    seed: int
+    code: str
+
+
+@dataclass(frozen=True)
+class Job:
+    """One recording for one stage. data: folder of the CSVs; work: folder of the artefacts."""
+
+    recording: int
+    data: Path
+    work: Path
+    settings: Settings
+    provenance: Provenance
+
+
+@dataclass(frozen=True)
+class Combination:
+    """All parts of a stage, to be turned into its artefacts. recordings: those whose parts are finished."""
+
+    recordings: tuple[int, ...]
+    work: Path
+    settings: Settings
+    provenance: Provenance
+
+
+@dataclass(frozen=True)
+class Problem:
+    """Something that was skipped and why: shown at the end, exit code 4."""
+
+    recording: int
+    stage: str
+    message: str
+
+
+@dataclass(frozen=True)
+class JobReport:
+    """What a job did: counts for the log, problems for the user."""
+
+    counts: dict[str, int] = field(default_factory=dict)
+    problems: tuple[Problem, ...] = ()

@@ -1,0 +1,237 @@
+"""Settings of a run: one frozen model a section of the TOML, every field with unit, bound and source."""
+
+from typing import Annotated, Literal
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from highd_lc.vocab.recorder import RecorderSettings
+from highd_lc.vocab.tracking import TrackingSettings
+
+
+class Section(BaseModel):
+    """A section of the settings: immutable, unknown keys refused."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+class SyntheticSettings(Section):
+    """Recordings made when no data folder is given."""
+
+    recordings: Annotated[int, Field(ge=1, le=200, description="number of recordings")] = 3
+    seconds: Annotated[float, Field(ge=5, le=3600, description="length of a recording [s]")] = 90.0
+    seed: Annotated[int, Field(ge=0, description="seed of the recorder")] = 1
+    recorder: RecorderSettings = RecorderSettings()
+
+
+class IngestSettings(Section):
+    """Reading recordings."""
+
+    trim_ends_m: Annotated[
+        float,
+        Field(
+            ge=0,
+            le=100,
+            description="length at each end of the section kept out of calibration [m] (HIGHD, pitfall 3)",
+        ),
+    ] = 20.0
+    remove_bias: Annotated[
+        bool,
+        Field(description="subtract each carriageway's mean forward acceleration, per recording (pitfall 4)"),
+    ] = False
+
+
+class ExtractSettings(Section):
+    """Finding lane changes (SPEC section 11)."""
+
+    smoothing_s: Annotated[
+        float, Field(gt=0, le=5, description="width of the local quadratic that smooths lateral position [s]")
+    ] = 1.0
+    lateral_speed_mps: Annotated[
+        float,
+        Field(
+            gt=0,
+            le=1,
+            description="lateral speed towards the target below which the vehicle keeps its lane [m/s]",
+        ),
+    ] = 0.2
+    lateral_acceleration_mps2: Annotated[
+        float,
+        Field(gt=0, le=5, description="lateral acceleration below which it counts as near zero [m/s^2]"),
+    ] = 0.6
+    persistence_s: Annotated[
+        float, Field(ge=0, le=3, description="how long the lateral speed has to stay near zero [s]")
+    ] = 0.4
+    min_shift_m: Annotated[
+        float, Field(ge=0, le=5, description="smallest lateral shift between start and end [m]")
+    ] = 1.5
+    max_followers: Annotated[
+        int, Field(ge=1, le=10, description="p: followers walked upstream on the target lane")
+    ] = 3
+    max_link_m: Annotated[
+        float, Field(gt=0, le=1000, description="largest spacing of a link of the follower chain [m]")
+    ] = 150.0
+    horizon_s: Annotated[
+        float,
+        Field(gt=0, le=60, description="recorded motion kept after the end of the lane change [s] (>= H)"),
+    ] = 15.0
+
+
+class CalibrateSettings(Section):
+    """Fitting the LCM to each follower (SPEC section 9)."""
+
+    objective: Annotated[
+        Literal["closed-loop", "paper"],
+        Field(description="closed-loop simulation error, or the paper's one-step J"),
+    ] = "closed-loop"
+    delay: Annotated[
+        Literal["none", "explicit"],
+        Field(description="whether the command is applied tau later (equation 10)"),
+    ] = "none"
+    optimiser: Annotated[
+        Literal["ga", "pymoo", "screen"],
+        Field(description="compiled GA, pymoo's GA, or Sobol screening with Levenberg-Marquardt"),
+    ] = "ga"
+    polish: Annotated[
+        bool,
+        Field(description="Levenberg-Marquardt from the GA's best and from random starts; both are kept"),
+    ] = True
+    population: Annotated[int, Field(ge=4, le=10000, description="GA population (paper: 200)")] = 200
+    generations: Annotated[int, Field(ge=1, le=10000, description="GA generations (SPEC section 9)")] = 200
+    crossover_probability: Annotated[
+        float, Field(ge=0, le=1, description="SBX probability a pair (paper: 0.95)")
+    ] = 0.95
+    mutation_probability: Annotated[
+        float, Field(ge=0, le=1, description="polynomial mutation probability a variable (paper: 0.05)")
+    ] = 0.05
+    min_window_s: Annotated[
+        float, Field(gt=0, le=60, description="shortest car-following window that is fitted [s]")
+    ] = 3.0
+
+
+class LossSettings(Section):
+    """Losses (SPEC section 4)."""
+
+    v_ref_av: Annotated[float, Field(gt=0, le=100, description="reference speed of the AV [m/s]")] = 33.54
+    v_ref_hv: Annotated[float, Field(gt=0, le=100, description="reference speed of the followers [m/s]")] = (
+        33.54
+    )
+    comfort_scale: Annotated[float, Field(gt=0, description="N_c: divides the comfort sums [m/s^3]")] = 8.0
+    efficiency_scale: Annotated[float, Field(gt=0, description="N_e: divides the efficiency sums [m/s]")] = (
+        33.54
+    )
+    reference: Annotated[
+        Literal["desired", "one-sided", "own"],
+        Field(description="|v - v_ref|; only below v_ref; v_ref = speed at t_start"),
+    ] = "desired"
+    aggregation: Annotated[
+        Literal["weighted", "sum"], Field(description="followers' losses weighted by equation 17, or summed")
+    ] = "weighted"
+    omega_av: Annotated[
+        float, Field(gt=0, lt=1, description="weight of the AV in the local optimum (paper: 0.5)")
+    ] = 0.5
+    horizon_s: Annotated[
+        float,
+        Field(
+            ge=1, le=60, multiple_of=0.5, description="H: accounted time of follower_horizon and equal [s]"
+        ),
+    ] = 15.0
+
+
+class ConstraintSettings(Section):
+    """Limits of a plan (SPEC section 5)."""
+
+    v_min: Annotated[
+        float, Field(ge=0, le=50, description="lowest speed [m/s]; 0.8 v0 where that is lower")
+    ] = 5.0
+    v_max: Annotated[float, Field(gt=0, le=100, description="highest speed [m/s]")] = 50.0
+    acceleration: Annotated[float, Field(gt=0, le=50, description="limit of |a_x| and |a_y| [m/s^2]")] = 8.0
+    jerk: Annotated[float, Field(gt=0, le=200, description="limit of |j_x| and |j_y| [m/s^3]")] = 8.0
+    ellipse: Annotated[
+        Literal["circumscribed", "paper"],
+        Field(description="semi-axes: box over sqrt 2, or the paper's 2.5 m and 1.0 m"),
+    ] = "circumscribed"
+
+
+class PlannerSettings(Section):
+    """Search and replay conventions of the planner (SPEC sections 2 to 7)."""
+
+    T_min: Annotated[float, Field(ge=0.5, le=60, description="shortest manoeuvre [s]")] = 2.0
+    T_max: Annotated[float, Field(ge=0.5, le=60, description="longest manoeuvre [s]")] = 10.0
+    x_nodes: Annotated[int, Field(ge=5, le=1000, description="grid nodes over x_final")] = 48
+    v_nodes: Annotated[int, Field(ge=3, le=1000, description="grid nodes over v_end (free form)")] = 12
+    T_nodes_free: Annotated[int, Field(ge=5, le=1000, description="coarse durations of the free form")] = 27
+    free_form: Annotated[bool, Field(description="plan with a free end speed as well")] = True
+    after: Annotated[
+        Literal["lcm", "constant"],
+        Field(description="the AV's drive after T: LCM behind the target leader, or constant"),
+    ] = "lcm"
+    leaders: Annotated[
+        Literal["recorded", "lcm", "constant"],
+        Field(
+            description="leaders' motion: recorded while in view, then constant speed; LCM; constant speed"
+        ),
+    ] = "recorded"
+    leader_from: Annotated[
+        Literal["start", "crossing"], Field(description="from when HV_1 follows the AV")
+    ] = "start"
+    parameters: Annotated[
+        Literal["fitted", "mean", "table3"],
+        Field(description="followers' LCM: fitted to each, mean over all fitted, or Table 3"),
+    ] = "fitted"
+    human_smoothing_s: Annotated[
+        float, Field(gt=0, le=5, description="Savitzky-Golay window over the recorded ego path [s]")
+    ] = 1.5
+
+
+class StatisticsSettings(Section):
+    """Population statistics (SPEC section 12)."""
+
+    bootstrap: Annotated[int, Field(ge=100, le=100000, description="bootstrap samples over recordings")] = (
+        2000
+    )
+    confidence: Annotated[float, Field(gt=0.5, lt=1, description="coverage of the intervals")] = 0.95
+    tie_band: Annotated[float, Field(ge=0, lt=1, description="relative difference that counts as a tie")] = (
+        0.001
+    )
+
+
+class ValidateSettings(Section):
+    """Replaying each event through the planner and the MPC."""
+
+    loss: LossSettings = LossSettings()
+    constraints: ConstraintSettings = ConstraintSettings()
+    planner: PlannerSettings = PlannerSettings()
+    tracking: TrackingSettings = TrackingSettings()
+    statistics: StatisticsSettings = StatisticsSettings()
+
+
+class ReportSettings(Section):
+    """Pages and figures."""
+
+    png: Annotated[
+        Literal["auto", "all", "top", "none"],
+        Field(
+            description="PNG an event: all of them, the top ones, none; auto = all up to 500 events, then top"
+        ),
+    ] = "auto"
+    top: Annotated[int, Field(ge=1, description="how many events count as top")] = 50
+    raw: Annotated[
+        bool, Field(description="draw raw coordinates: such pages may not be shared (HighD's licence)")
+    ] = False
+
+
+class Settings(Section):
+    """A whole run."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", populate_by_name=True)
+
+    name: Annotated[str, Field(min_length=1, max_length=80, description="name of the pipeline")] = "highd"
+    seed: Annotated[
+        int, Field(ge=0, le=2**63 - 1, description="seed from which every random draw derives")
+    ] = 1
+    synthetic: SyntheticSettings = SyntheticSettings()
+    ingest: IngestSettings = IngestSettings()
+    extract: ExtractSettings = ExtractSettings()
+    calibrate: CalibrateSettings = CalibrateSettings()
+    validation: Annotated[ValidateSettings, Field(alias="validate")] = ValidateSettings()
+    report: ReportSettings = ReportSettings()

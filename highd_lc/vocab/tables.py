@@ -1,0 +1,383 @@
+"""Every artefact's columns, once: name, type, unit, meaning. Schemas and data dictionary derive from it."""
+
+from dataclasses import dataclass
+from typing import Final, Literal
+
+from highd_lc.vocab import names
+from highd_lc.vocab.lcm_parameters import PARAMETERS, UNITS
+
+SCHEMA_VERSION: Final = 1
+
+Kind = Literal[
+    "int64",
+    "int32",
+    "float64",
+    "float32",
+    "string",
+    "bool",
+    "list<int64>",
+    "list<string>",
+    "list<float64>",
+    "map<string,float64>",
+    "map<string,int64>",
+]
+
+
+@dataclass(frozen=True)
+class Column:
+    """A column: its type, unit, meaning, and what its values may be. NaN counts as null in float columns."""
+
+    name: str
+    kind: Kind
+    meaning: str
+    unit: str = ""
+    nullable: bool = False
+    minimum: float | None = None
+    maximum: float | None = None
+    allowed: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Table:
+    """An artefact: what a row is, which columns order it, and its columns."""
+
+    name: str
+    row: str
+    order: tuple[str, ...]
+    columns: tuple[Column, ...]
+
+    @property
+    def column_names(self) -> tuple[str, ...]:
+        """The columns' names in order."""
+        return tuple(column.name for column in self.columns)
+
+
+def _number(name: str, meaning: str, unit: str = "", *, nullable: bool = True, **limits: float) -> Column:
+    return Column(name, "float64", meaning, unit, nullable, limits.get("minimum"), limits.get("maximum"))
+
+
+def _count(name: str, meaning: str, unit: str = "", *, nullable: bool = False) -> Column:
+    return Column(name, "int64", meaning, unit, nullable, minimum=0)
+
+
+def _word(name: str, meaning: str, allowed: tuple[str, ...] = ()) -> Column:
+    return Column(name, "string", meaning, allowed=allowed)
+
+
+_RECORDING = Column("recording_id", "int64", "number in the recording's file name", minimum=0)
+_EVENT = _word("event_id", "RR-VVVV-FFFFF: recording, ego, crossing frame")
+_POLICY = _word("policy", "who planned the motion (SPEC section 6)", names.POLICIES)
+_ACCOUNTING = _word("accounting", "over which time each side is charged", names.ACCOUNTINGS)
+_VEHICLE = Column("vehicle_id", "int64", "the vehicle's id in its recording", minimum=0)
+
+TRACKS = Table(
+    "tracks",
+    "vehicle and frame",
+    ("vehicle_id", "frame"),
+    (
+        _RECORDING,
+        _VEHICLE,
+        Column("frame", "int64", "frame of the recording, 1 = first", minimum=1),
+        _number("t", "time since the recording's frame 1", "s", nullable=False, minimum=0),
+        _number("x", "box centre, forward from the entry end of the section", "m", nullable=False),
+        _number("y", "box centre, left from the carriageway's right edge", "m", nullable=False),
+        _number("vx", "forward speed", "m/s", nullable=False),
+        _number("vy", "lateral speed, left positive", "m/s", nullable=False),
+        _number("ax", "forward acceleration", "m/s²", nullable=False),
+        _number("ay", "lateral acceleration, left positive", "m/s²", nullable=False),
+        _number("length", "length of the vehicle's box", "m", nullable=False, minimum=0),
+        _number("width", "width of the vehicle's box", "m", nullable=False, minimum=0),
+        Column("lane", "int64", "1 = rightmost of its carriageway; null outside the markings", "", True, 1),
+        Column("leader_id", "int64", "vehicle ahead on the same lane; null = none", "", True, 1),
+        Column("follower_id", "int64", "vehicle behind on the same lane; null = none", "", True, 1),
+    ),
+)
+
+VEHICLES = Table(
+    "vehicles",
+    "vehicle",
+    ("recording_id", "vehicle_id"),
+    (
+        _RECORDING,
+        _VEHICLE,
+        Column("driving_direction", "int64", "1 = upper carriageway, 2 = lower", minimum=1, maximum=2),
+        _word("class", "Car or Truck", names.CLASSES),
+        _number("length", "length of the vehicle's box", "m", nullable=False, minimum=0),
+        _number("width", "width of the vehicle's box", "m", nullable=False, minimum=0),
+        _count("first_frame", "first frame in view"),
+        _count("last_frame", "last frame in view"),
+    ),
+)
+
+CROSSINGS = Table(
+    "crossings",
+    "lane-id change (the funnel)",
+    ("recording_id", "ego_id", "crossing_frame"),
+    (
+        _EVENT,
+        _RECORDING,
+        Column("ego_id", "int64", "the vehicle that changes lane", minimum=0),
+        _word("ego_class", "Car or Truck", names.CLASSES),
+        _word("direction", "left or right; empty when a side is outside the markings", ("left", "right", "")),
+        _count("crossing_frame", "first frame with the box centre in the target lane"),
+        Column("origin_lane", "int64", "lane before; null outside the markings", "", True, 1),
+        Column("target_lane", "int64", "lane after; null outside the markings", "", True, 1),
+        Column("start_frame", "int64", "start by the lateral rule; null if not in view", "", True, 1),
+        Column("end_frame", "int64", "end by the lateral rule; null if not in view", "", True, 1),
+        Column("usable", "bool", "whether it is an event"),
+        _word("reason", "why it is not; empty when usable", ("", *names.REASONS)),
+    ),
+)
+
+EVENTS = Table(
+    "events",
+    "usable lane change",
+    ("recording_id", "ego_id", "crossing_frame"),
+    (
+        _EVENT,
+        _RECORDING,
+        Column("ego_id", "int64", "the vehicle that changes lane", minimum=0),
+        _word("ego_class", "Car or Truck", names.CLASSES),
+        _word("direction", "to which side", (names.LEFT, names.RIGHT)),
+        Column("origin_lane", "int64", "lane before, 1 = rightmost", minimum=1),
+        Column("target_lane", "int64", "lane after, 1 = rightmost", minimum=1),
+        _count("start_frame", "start by the lateral rule"),
+        _count("crossing_frame", "first frame with the box centre in the target lane"),
+        _count("end_frame", "end by the lateral rule"),
+        _number("frame_rate", "frames a second", "Hz", nullable=False, minimum=0),
+        _number("duration_s", "end minus start", "s", nullable=False, minimum=0),
+        _number(
+            "lateral_shift_m", "D: y at end_frame minus y at start_frame, left positive", "m", nullable=False
+        ),
+        _number("peak_lateral_speed_mps", "largest smoothed lateral speed towards the target", "m/s"),
+        Column("origin_leader_id", "int64", "ahead on the origin lane at t_start; null = none", "", True, 1),
+        Column(
+            "origin_follower_id", "int64", "behind on the origin lane at t_start; null = none", "", True, 1
+        ),
+        Column("target_leader_id", "int64", "ahead on the target lane at t_start; null = none", "", True, 1),
+        Column("follower_ids", "list<int64>", "followers on the target lane at t_start, nearest first"),
+    ),
+)
+
+EVENT_TRACKS = Table(
+    "event_tracks",
+    "event, role and native frame",
+    ("recording_id", "event_id", "role", "t"),
+    (
+        _EVENT,
+        _RECORDING,
+        _word("role", "ego, origin_leader, origin_follower, target_leader, target_follower_1 .. p"),
+        _VEHICLE,
+        _number("t", "(frame - start_frame) / frame rate", "s", nullable=False),
+        _number("x", "box centre ahead of the ego's centre at start_frame", "m", nullable=False),
+        _number("y", "box centre left of the ego's centre at start_frame", "m", nullable=False),
+        _number("vx", "forward speed, raw", "m/s", nullable=False),
+        _number("vy", "lateral speed, raw, left positive", "m/s", nullable=False),
+        _number("ax", "forward acceleration, raw", "m/s²", nullable=False),
+        _number("ay", "lateral acceleration, raw, left positive", "m/s²", nullable=False),
+        Column("calibration", "bool", "whether the sample belongs to the follower's calibration window"),
+    ),
+)
+
+FOLLOWERS = Table(
+    "followers",
+    "event and follower (one LCM fit)",
+    ("recording_id", "event_id", "follower"),
+    (
+        _EVENT,
+        _RECORDING,
+        Column("follower", "int64", "rank, 1 = nearest to the ego", minimum=1),
+        _VEHICLE,
+        _word("class", "Car or Truck", names.CLASSES),
+        *(_number(p, f"LCM parameter {p}", UNITS[p], nullable=False) for p in PARAMETERS),
+        _number("L_replay", "L moved behind the leader of the replay, within [2, 25]", "m", nullable=False),
+        _number("leader_length_m", "length of the leader that L was fitted behind", "m"),
+        _number("objective", "objective of the parameters kept", minimum=0),
+        _number("objective_ga", "objective of the GA's best before the polish", minimum=0),
+        _number("rmse_spacing_m", "closed-loop error of spacing", "m", minimum=0),
+        _number("rmse_speed_mps", "closed-loop error of speed", "m/s", minimum=0),
+        _number("rmse_acceleration", "closed-loop error of acceleration", "m/s²", minimum=0),
+        _number("nrmse_spacing", "RMSE of spacing over its root mean square", minimum=0),
+        _number("theil_u", "Theil's U of spacing", minimum=0, maximum=1),
+        _number("paper_j", "the paper's one-step objective J of the parameters kept", minimum=0),
+        _count("n_samples", "samples of 0.1 s in the calibration window"),
+        Column("at_bound", "list<string>", "parameters that sit on a bound"),
+        Column(
+            "spread", "map<string,float64>", "standard deviation of each parameter over equally good starts"
+        ),
+        _word("status", "where the parameters come from", names.FIT_STATUSES),
+        _word("reason", "why the follower was not fitted; empty when fitted"),
+        _word("method", "objective and optimiser"),
+        Column("seed", "int64", "seed of this fit, from event and follower"),
+    ),
+)
+
+PLANS = Table(
+    "plans",
+    "event, policy and accounting",
+    ("recording_id", "event_id", "policy", "accounting"),
+    (
+        _EVENT,
+        _RECORDING,
+        _POLICY,
+        _ACCOUNTING,
+        _number("T", "duration of the manoeuvre, a multiple of 0.1 s; null when infeasible", "s"),
+        _number("x_final", "forward distance at T; null when infeasible", "m"),
+        _number("v_end", "speed at T; null when infeasible", "m/s"),
+        _word("status", "outcome of the planner", names.PLAN_STATUSES),
+        Column("at_bound", "list<string>", "unknowns that sit on a bound of the search"),
+        Column("rejected_by", "map<string,int64>", "candidates that each constraint rejected"),
+        Column("candidates", "int64", "candidates looked at", minimum=0),
+        _number("min_clearance_m", "smallest distance between ellipses over the accounted time", "m"),
+        Column(
+            "margins", "map<string,float64>", "margin of each constraint; the closest one when infeasible"
+        ),
+        Column("violations", "list<string>", "constraints that a reference policy violates"),
+        Column("contact_after_T", "bool", "whether ellipses overlap between T and H", "", True),
+        _number("start_acceleration_jump", "recorded acceleration at t_start minus the plan's 0", "m/s²"),
+        _number("objective", "joint objective that the policy minimised", minimum=0),
+    ),
+)
+
+LOSSES = Table(
+    "losses",
+    "event, policy and accounting",
+    ("recording_id", "event_id", "policy", "accounting"),
+    (
+        _EVENT,
+        _RECORDING,
+        _POLICY,
+        _ACCOUNTING,
+        _number("loss_av", "0.5 av_comfort + 0.5 av_efficiency", minimum=0),
+        _number("av_comfort", "AV's jerk sum over N_c", minimum=0),
+        _number("av_efficiency", "AV's speed-difference sum over N_e", minimum=0),
+        _number("loss_hv", "followers' loss, aggregated", minimum=0),
+        _number("hv_comfort", "followers' comfort, aggregated, over N_c", minimum=0),
+        _number("hv_efficiency", "followers' efficiency, aggregated, over N_e", minimum=0),
+        _number("loss_total", "loss_av + loss_hv, unweighted", minimum=0),
+        _number("loss_av_dt", "loss_av times dt: free of the sampling step", "s", minimum=0),
+        _number("loss_hv_dt", "loss_hv times dt: free of the sampling step", "s", minimum=0),
+        _number("loss_hv_increment", "loss_hv minus that of no lane change over the same time"),
+        Column("loss_hv_each", "list<float64>", "loss of each follower, nearest first, unweighted"),
+        Column("follower_weights", "list<float64>", "weights of equation 17, nearest first"),
+        _number("loss_hv_recorded", "followers' loss from their recorded motion, aggregated", minimum=0),
+        _number(
+            "loss_hv_simulated", "simulated counterpart of loss_hv_recorded over the same samples", minimum=0
+        ),
+        _count("recorded_n_samples", "follower samples behind loss_hv_recorded"),
+        _number("av_comfort_raw", "AV's comfort from the recorded, unsmoothed path (human only)", minimum=0),
+        _number("min_gap_m", "smallest gap of a target-lane pair", "m"),
+        _number("min_time_headway_s", "smallest time headway of a target-lane pair", "s"),
+        _number("min_ttc_s", "smallest time to collision of a target-lane pair; null if none closes", "s"),
+        _number("max_drac", "largest deceleration rate to avoid a crash", "m/s²"),
+        _number("peak_follower_decel", "strongest braking of a follower, positive", "m/s²"),
+    ),
+)
+
+VALIDATION_MATRIX = Table(
+    "validation_matrix",
+    "form, accounting and stratum",
+    ("form", "accounting", "stratum"),
+    (
+        _word("form", "fixed or free end speed", names.FORMS),
+        _ACCOUNTING,
+        _word("stratum", "all, or a class of one stratification"),
+        _count("n_events", "events in the stratum, infeasible ones included"),
+        _count("n_recordings", "recordings in the stratum"),
+        _number("total_benchmark", "sum of loss_total under the benchmark"),
+        _number("total_local", "sum of loss_total under the local optimum"),
+        _number("gain", "1 - total_local / total_benchmark"),
+        _number("gain_low", "lower end of the bootstrap interval over recordings"),
+        _number("gain_high", "upper end of the bootstrap interval over recordings"),
+        _number("gain_hv", "1 - ratio of the sums of loss_hv"),
+        _number("gain_av", "1 - ratio of the sums of loss_av"),
+        _number("median_difference", "median of the paired relative difference of loss_total"),
+        _number("hodges_lehmann", "Hodges-Lehmann estimate of the paired relative difference"),
+        _number("share_differ", "share of events whose two plans differ"),
+        _number("share_better", "share of events with a lower total under the local optimum"),
+        _number("share_worse", "share of events with a higher total under the local optimum"),
+        _number("share_worst_follower_worse", "share of events in which some follower loses"),
+        _count("infeasible", "events without a feasible plan"),
+    ),
+)
+
+TRACKING = Table(
+    "tracking",
+    "event, policy and plant",
+    ("recording_id", "event_id", "policy", "plant"),
+    (
+        _EVENT,
+        _RECORDING,
+        _POLICY,
+        _word("plant", "kinematic bicycle or multi-body car", ("kinematic", "multi_body")),
+        _word("status", "tracked, or why not"),
+        _number("rmse_lateral_m", "lateral tracking error", "m", minimum=0),
+        _number("max_lateral_m", "largest lateral tracking error", "m", minimum=0),
+        _number("rmse_longitudinal_m", "longitudinal tracking error", "m", minimum=0),
+        _number("rmse_heading_rad", "heading error", "rad", minimum=0),
+        _number("max_slack", "largest slack of the input bounds", minimum=0),
+        Column("qp_failures", "int64", "control steps whose QP was not solved", minimum=0),
+        _number("loss_av_tracked", "AV's loss of the tracked motion", minimum=0),
+        _number("loss_av_planned", "AV's loss of the planned motion over the same samples", minimum=0),
+        Column("violations", "list<string>", "constraints that the tracked motion violates"),
+    ),
+)
+
+SUMMARY_LCM = Table(
+    "summary_lcm",
+    "LCM parameter and group",
+    ("group", "quantity"),
+    (
+        _word("group", "all, or a vehicle class"),
+        _word("quantity", "LCM parameter or quality of fit"),
+        _count("n", "fitted followers"),
+        *(
+            _number(q, f"{label} of ours")
+            for q, label in (("q25", "25 %"), ("q50", "median"), ("q75", "75 %"))
+        ),
+        _number("mean", "mean of ours"),
+        _number("share_at_bound", "share of fits with the parameter on a bound", minimum=0, maximum=1),
+        *(_number(f"paper_{q}", "published value (Table 3)") for q in ("q25", "q50", "q75", "mean")),
+    ),
+)
+
+SUMMARY_LOSSES = Table(
+    "summary_losses",
+    "policy, reference policy, accounting and quantity",
+    ("policy", "against", "accounting", "quantity"),
+    (
+        _POLICY,
+        _word("against", "policy it is compared with", names.POLICIES),
+        _ACCOUNTING,
+        _word("quantity", "column of losses that is compared"),
+        _count("n", "events with both policies feasible"),
+        _number("mean", "mean of the policy"),
+        _number("mean_against", "mean of the other policy"),
+        _number("ratio_of_sums", "sum of the policy over sum of the other"),
+        _number("median_difference", "median of the paired difference"),
+        _number("hodges_lehmann", "Hodges-Lehmann estimate of the paired difference"),
+        _number("difference_low", "lower end of the bootstrap interval of the mean difference"),
+        _number("difference_high", "upper end of the bootstrap interval of the mean difference"),
+        _number("share_better", "share of events below the other policy"),
+        _number("share_worse", "share of events above the other policy"),
+        _number("share_tied", "share of events within the tie band"),
+    ),
+)
+
+TABLES: Final = {
+    table.name: table
+    for table in (
+        TRACKS,
+        VEHICLES,
+        CROSSINGS,
+        EVENTS,
+        EVENT_TRACKS,
+        FOLLOWERS,
+        PLANS,
+        LOSSES,
+        VALIDATION_MATRIX,
+        TRACKING,
+        SUMMARY_LCM,
+        SUMMARY_LOSSES,
+    )
+}
