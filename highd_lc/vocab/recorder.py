@@ -1,0 +1,57 @@
+"""Settings of the synthetic recorder: what the road, the traffic and the camera of a recording are like."""
+
+from typing import Annotated, Literal
+
+from pydantic import BaseModel, ConfigDict, Field
+
+Lanes = Annotated[int, Field(ge=2, le=5)]
+
+
+class RecorderSettings(BaseModel):
+    """A synthetic recording apart from its length and seed. Defaults resemble HighD (HIGHD.md)."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    frame_rate: Annotated[float, Field(ge=1, le=100, description="frames a second [Hz] (HighD: 25)")] = 25.0
+    upper_lanes: Annotated[Lanes, Field(description="lanes of direction 1 (HighD: 2, 3 or 4)")] = 3
+    lower_lanes: Annotated[Lanes, Field(description="lanes of direction 2 (HighD: 2 or 3)")] = 3
+    section_m: Annotated[float, Field(ge=100, le=5000, description="length of road in view [m]")] = 420.0
+    flow_veh_per_h: Annotated[
+        float, Field(ge=50, le=2200, description="mean inflow a lane [veh/h] (all of HighD: about 1250)")
+    ] = 1350.0
+    flow_spread: Annotated[
+        float,
+        Field(ge=0, le=0.9, description="each recording's flow is drawn within this share of the mean"),
+    ] = 0.15
+    truck_share: Annotated[
+        float, Field(ge=0, le=0.6, description="share of trucks of all vehicles (HighD: 0.19)")
+    ] = 0.15
+    lane_change_rate: Annotated[
+        float,
+        Field(ge=0, le=5, description="how often a driver considers to change lane [1/s]"),
+    ] = 0.5
+    return_share: Annotated[
+        float,
+        Field(ge=0, le=1, description="share of lane changes that are broken off after the crossing (A-B-A)"),
+    ] = 0.04
+    followers_react_from: Annotated[
+        Literal["start", "crossing"],
+        Field(description="when a vehicle that cuts in becomes its follower's leader"),
+    ] = "start"
+    wander_m: Annotated[
+        float,
+        Field(ge=0, le=0.5, description="lane keeping: standard deviation of the slow lateral motion [m]"),
+    ] = 0.08
+    position_noise_m: Annotated[
+        float,
+        Field(
+            ge=0,
+            le=0.5,
+            description="standard deviation of the smooth error that a tracker leaves in x and in y [m]; "
+            "recorded speeds and accelerations contain its derivatives",
+        ),
+    ] = 0.02
+    detection_noise_m: Annotated[
+        float,
+        Field(ge=0, le=0.5, description="standard deviation of white noise in the positions alone [m]"),
+    ] = 0.0
