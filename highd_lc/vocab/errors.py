@@ -29,3 +29,13 @@ class ArtefactError(HighdLcError):
     """An artefact of an earlier stage is missing, of another schema, or damaged."""
 
     exit_code = 3
+
+
+class ShapeError(HighdLcError):
+    """Arrays handed to a function do not fit each other: names the array and its shape."""
+
+
+class MissingExtraError(HighdLcError):
+    """An optional dependency is not installed: names the extra that brings it."""
+
+    exit_code = 2

@@ -1,0 +1,182 @@
+"""Tracking: the reference that a plan gives, the settings of the controller, what a closed loop returns.
+
+Angles in rad, left positive; heading 0 along travel. Positions are those of the rear axle (SPEC section 8).
+"""
+
+from dataclasses import dataclass
+from typing import Final, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+from highd_lc.vocab.errors import ShapeError
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+# Statuses of a closed loop, from best to worst.
+TRACKED: Final = "tracked"
+SOFTENED: Final = "softened"
+QP_FAILED: Final = "qp_failed"
+LOST: Final = "lost"
+INVALID_REFERENCE: Final = "invalid_reference"
+TRACKING_STATUSES: Final = (TRACKED, SOFTENED, QP_FAILED, LOST, INVALID_REFERENCE)
+
+# Plants.
+KINEMATIC: Final = "kinematic"
+MULTI_BODY: Final = "multi_body"
+PLANTS: Final = (KINEMATIC, MULTI_BODY)
+
+# Below this speed [m/s] a path has no curvature that a steering angle could follow.
+_STANDSTILL = 1e-6
+
+
+@dataclass(frozen=True)
+class Reference:
+    """A planned motion of the rear axle on the samples t_k = k dt, k = 0 .. n.
+
+    dt [s]; x, y [m]; xdot, ydot [m/s]; xddot, yddot [m/s^2], each of shape (n + 1,), n >= 1.
+    Raises ShapeError when the shapes differ.
+    """
+
+    dt: float
+    x: FloatArray
+    y: FloatArray
+    xdot: FloatArray
+    ydot: FloatArray
+    xddot: FloatArray
+    yddot: FloatArray
+
+    def __post_init__(self) -> None:
+        shape = np.shape(self.x)
+        for name in ("y", "xdot", "ydot", "xddot", "yddot"):
+            if np.shape(getattr(self, name)) != shape:
+                raise ShapeError(f"Reference.{name} has shape {np.shape(getattr(self, name))}, x has {shape}")
+        if len(shape) != 1 or shape[0] < 2:
+            raise ShapeError(f"Reference.x has shape {shape}; one axis with at least two samples is needed")
+
+    @property
+    def n_steps(self) -> int:
+        """Number of intervals n."""
+        return len(self.x) - 1
+
+    @property
+    def speed(self) -> FloatArray:
+        """v_r = hypot(xdot, ydot) [m/s], shape (n + 1,)."""
+        return np.hypot(self.xdot, self.ydot)
+
+    @property
+    def heading(self) -> FloatArray:
+        """phi_r = atan2(ydot, xdot) without jumps of 2 pi [rad], shape (n + 1,)."""
+        return np.unwrap(np.arctan2(self.ydot, self.xdot))
+
+    @property
+    def curvature(self) -> FloatArray:
+        """kappa_r = (xdot yddot - ydot xddot) / v_r^3 [1/m], shape (n + 1,); 0 at standstill."""
+        moving = self.speed > _STANDSTILL
+        cubed = np.where(moving, self.speed, 1.0) ** 3
+        return np.where(moving, (self.xdot * self.yddot - self.ydot * self.xddot) / cubed, 0.0)
+
+    def steering(self, wheelbase: float) -> FloatArray:
+        """delta_r = atan(l kappa_r) [rad], shape (n + 1,), l the wheelbase [m]."""
+        return np.arctan(wheelbase * self.curvature)
+
+
+class TrackingSettings(BaseModel):
+    """The model predictive controller and its car (SPEC section 8; equations 20 to 24).
+
+    R, Q and rho are not printed in the paper; the defaults come from the recorded sweep in docs/tracking.md.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    solver: Literal["daqp", "osqp"] = Field(
+        "daqp", description="QP solver; osqp is the cross-check of single steps and needs the extra `dev`"
+    )
+    horizon: int = Field(6, ge=1, le=60, description="N_p: prediction horizon [samples of 0.1 s] (paper: 6)")
+    control_horizon: int = Field(
+        4, ge=1, le=60, description="N_c: increments decided [samples], at most N_p (paper: 4)"
+    )
+    weight_longitudinal: float = Field(
+        1.0, gt=0, le=1e6, description="R: weight of the error along the road [1/m^2] (sweep)"
+    )
+    weight_lateral: float = Field(
+        1.0, gt=0, le=1e6, description="R: weight of the error across the road [1/m^2] (sweep)"
+    )
+    weight_heading: float = Field(
+        1.0, gt=0, le=1e6, description="R: weight of the heading error [1/rad^2] (sweep)"
+    )
+    weight_speed_increment: float = Field(
+        0.1, gt=0, le=1e6, description="Q: weight of the speed error's increment [s^2/m^2] (sweep)"
+    )
+    weight_steering_increment: float = Field(
+        1.0, gt=0, le=1e9, description="Q: weight of the steering error's increment [1/rad^2] (sweep)"
+    )
+    slack_penalty: float = Field(
+        1e4, gt=0, le=1e12, description="rho: weight of the squared slack (paper's form; value from the sweep)"
+    )
+    speed_min: float = Field(0.0, ge=0, le=50, description="lowest commanded speed [m/s] (no reversing)")
+    speed_max: float = Field(
+        60.0, gt=0, le=100, description="highest commanded speed [m/s] (SPEC section 5: 50, and a margin)"
+    )
+    acceleration_max: float = Field(
+        10.0, gt=0, le=50, description="largest increment of the speed per second [m/s^2] (SPEC 5: 8, margin)"
+    )
+    steering_max: float = Field(
+        0.6, gt=0, le=1.2, description="largest steering angle of the wheels [rad] (passenger cars: 30-40 deg)"
+    )
+    steering_rate_max: float = Field(
+        0.4, gt=0, le=10, description="largest steering rate [rad/s] (commonroad-vehicle-models, set 2)"
+    )
+    steering_softening: float = Field(
+        0.1, gt=0, le=1, description="radians of steering bound that one unit of slack gives; speed: 1 m/s"
+    )
+    wheelbase_ratio: float = Field(
+        0.6, gt=0.2, lt=1, description="wheelbase over length where none is given (SPEC section 8)"
+    )
+    slack_tolerance: float = Field(
+        1e-3, gt=0, le=1, description="slack from which a bound counts as softened (status `softened`)"
+    )
+    lost_lateral_m: float = Field(
+        1.75, gt=0, le=50, description="lateral error at which the car has left its lane [m] (half a lane)"
+    )
+
+    @model_validator(mode="after")
+    def _consistent(self) -> "TrackingSettings":
+        if self.control_horizon > self.horizon:
+            raise ValueError(f"control_horizon {self.control_horizon} must be <= horizon {self.horizon}")
+        if self.speed_min >= self.speed_max:
+            raise ValueError(f"speed_min {self.speed_min} must be < speed_max {self.speed_max}")
+        return self
+
+
+@dataclass(frozen=True)
+class TrackingResult:
+    """A closed loop over one reference with n intervals of dt [s].
+
+    status: one of TRACKING_STATUSES; reason: what lies behind a status other than `tracked`.
+    states: x, y [m], heading [rad] of the rear axle at the samples, shape (n + 1, 3); inputs: speed [m/s] and
+    steering angle [rad] held over each interval, shape (n, 2); errors: longitudinal, lateral [m] and heading
+    [rad] in the reference's frame at the samples, shape (n + 1, 3); slack, shape (n,), in units in which 1
+    softens the speed's bounds by 1 m/s; active_bounds: input bounds active in each step's QP, shape (n,);
+    flags: the solver's exit flags, shape (n,), positive = solved; residual: largest KKT residual of a step,
+    shape (n,). Arrays are NaN (flags 0) and the figures NaN for an invalid reference.
+    """
+
+    status: str
+    reason: str
+    dt: float
+    states: FloatArray
+    inputs: FloatArray
+    errors: FloatArray
+    slack: FloatArray
+    active_bounds: IntArray
+    flags: IntArray
+    residual: FloatArray
+    qp_failures: int
+    rmse_lateral_m: float
+    max_lateral_m: float
+    rmse_longitudinal_m: float
+    rmse_heading_rad: float
+    max_slack: float
