@@ -200,8 +200,6 @@ def provenance_of(path: Path) -> dict[str, Any]:
 
 def check(table: Table, data: pa.Table) -> None:
     """Check types, nulls and value ranges of the columns present. Raises ArtefactError at the first fault."""
-    from highd_lc.io import schemas
-
     for problem in _type_problems(table, data):
         raise ArtefactError(f"{table.name}: {problem}")
     schemas.check_values(table, data)

@@ -12,14 +12,15 @@ FloatArray = NDArray[np.float64]
 class Motion:
     """A vehicle's motion on the time grid of a scene, t_k = k dt, k = 0 .. N, and its size.
 
-    x, y: box centre relative to the ego's centre at t_start [m], shape (N + 1,); v: forward speed [m/s],
-    shape (N + 1,); length, width [m]; observed: number of leading samples that were recorded, the rest is
-    predicted.
+    x, y: box centre relative to the ego's centre at t_start [m]; v: forward speed [m/s]; a: forward
+    acceleration [m/s^2]; all of shape (N + 1,). length, width [m]; observed: number of leading samples that
+    were recorded, the rest is predicted.
     """
 
     x: FloatArray
     y: FloatArray
     v: FloatArray
+    a: FloatArray
     length: float
     width: float
     observed: int

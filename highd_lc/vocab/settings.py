@@ -61,6 +61,14 @@ class ExtractSettings(Section):
     persistence_s: Annotated[
         float, Field(ge=0, le=3, description="how long the lateral speed has to stay near zero [s]")
     ] = 0.4
+    clearance_m: Annotated[
+        float,
+        Field(ge=0, le=2, description="distance from the crossed marking that start and end need [m]"),
+    ] = 0.5
+    flicker_s: Annotated[
+        float,
+        Field(ge=0, le=5, description="lane ids that change back within this time are one crossing [s]"),
+    ] = 1.0
     min_shift_m: Annotated[
         float, Field(ge=0, le=5, description="smallest lateral shift between start and end [m]")
     ] = 1.5
@@ -112,13 +120,9 @@ class LossSettings(Section):
     """Losses (SPEC section 4)."""
 
     v_ref_av: Annotated[float, Field(gt=0, le=100, description="reference speed of the AV [m/s]")] = 33.54
-    v_ref_hv: Annotated[float, Field(gt=0, le=100, description="reference speed of the followers [m/s]")] = (
-        33.54
-    )
+    v_ref_hv: Annotated[float, Field(gt=0, le=100, description="reference speed of the followers [m/s]")] = 33.54
     comfort_scale: Annotated[float, Field(gt=0, description="N_c: divides the comfort sums [m/s^3]")] = 8.0
-    efficiency_scale: Annotated[float, Field(gt=0, description="N_e: divides the efficiency sums [m/s]")] = (
-        33.54
-    )
+    efficiency_scale: Annotated[float, Field(gt=0, description="N_e: divides the efficiency sums [m/s]")] = 33.54
     reference: Annotated[
         Literal["desired", "one-sided", "own"],
         Field(description="|v - v_ref|; only below v_ref; v_ref = speed at t_start"),
@@ -131,18 +135,14 @@ class LossSettings(Section):
     ] = 0.5
     horizon_s: Annotated[
         float,
-        Field(
-            ge=1, le=60, multiple_of=0.5, description="H: accounted time of follower_horizon and equal [s]"
-        ),
+        Field(ge=1, le=60, multiple_of=0.5, description="H: accounted time of follower_horizon and equal [s]"),
     ] = 15.0
 
 
 class ConstraintSettings(Section):
     """Limits of a plan (SPEC section 5)."""
 
-    v_min: Annotated[
-        float, Field(ge=0, le=50, description="lowest speed [m/s]; 0.8 v0 where that is lower")
-    ] = 5.0
+    v_min: Annotated[float, Field(ge=0, le=50, description="lowest speed [m/s]; 0.8 v0 where that is lower")] = 5.0
     v_max: Annotated[float, Field(gt=0, le=100, description="highest speed [m/s]")] = 50.0
     acceleration: Annotated[float, Field(gt=0, le=50, description="limit of |a_x| and |a_y| [m/s^2]")] = 8.0
     jerk: Annotated[float, Field(gt=0, le=200, description="limit of |j_x| and |j_y| [m/s^3]")] = 8.0
@@ -157,9 +157,12 @@ class PlannerSettings(Section):
 
     T_min: Annotated[float, Field(ge=0.5, le=60, description="shortest manoeuvre [s]")] = 2.0
     T_max: Annotated[float, Field(ge=0.5, le=60, description="longest manoeuvre [s]")] = 10.0
-    x_nodes: Annotated[int, Field(ge=5, le=1000, description="grid nodes over x_final")] = 48
+    x_nodes: Annotated[int, Field(ge=5, le=1000, description="grid nodes over x_final at each T")] = 32
     v_nodes: Annotated[int, Field(ge=3, le=1000, description="grid nodes over v_end (free form)")] = 12
-    T_nodes_free: Annotated[int, Field(ge=5, le=1000, description="coarse durations of the free form")] = 27
+    T_nodes_free: Annotated[int, Field(ge=5, le=1000, description="durations on the free form's first grid")] = 27
+    zoom_starts: Annotated[int, Field(ge=1, le=100, description="durations that are refined for each goal")] = 4
+    zoom_levels: Annotated[int, Field(ge=1, le=20, description="refinements of x_final (fixed form)")] = 3
+    zoom_levels_free: Annotated[int, Field(ge=1, le=20, description="refinements of x_final and v_end")] = 5
     free_form: Annotated[bool, Field(description="plan with a free end speed as well")] = True
     after: Annotated[
         Literal["lcm", "constant"],
@@ -167,13 +170,11 @@ class PlannerSettings(Section):
     ] = "lcm"
     leaders: Annotated[
         Literal["recorded", "lcm", "constant"],
-        Field(
-            description="leaders' motion: recorded while in view, then constant speed; LCM; constant speed"
-        ),
+        Field(description="leaders' motion: recorded while in view, then constant speed; LCM; constant speed"),
     ] = "recorded"
-    leader_from: Annotated[
-        Literal["start", "crossing"], Field(description="from when HV_1 follows the AV")
-    ] = "start"
+    leader_from: Annotated[Literal["start", "crossing"], Field(description="from when HV_1 follows the AV")] = (
+        "start"
+    )
     parameters: Annotated[
         Literal["fitted", "mean", "table3"],
         Field(description="followers' LCM: fitted to each, mean over all fitted, or Table 3"),
@@ -186,13 +187,9 @@ class PlannerSettings(Section):
 class StatisticsSettings(Section):
     """Population statistics (SPEC section 12)."""
 
-    bootstrap: Annotated[int, Field(ge=100, le=100000, description="bootstrap samples over recordings")] = (
-        2000
-    )
+    bootstrap: Annotated[int, Field(ge=100, le=100000, description="bootstrap samples over recordings")] = 2000
     confidence: Annotated[float, Field(gt=0.5, lt=1, description="coverage of the intervals")] = 0.95
-    tie_band: Annotated[float, Field(ge=0, lt=1, description="relative difference that counts as a tie")] = (
-        0.001
-    )
+    tie_band: Annotated[float, Field(ge=0, lt=1, description="relative difference that counts as a tie")] = 0.001
 
 
 class ValidateSettings(Section):
@@ -210,9 +207,7 @@ class ReportSettings(Section):
 
     png: Annotated[
         Literal["auto", "all", "top", "none"],
-        Field(
-            description="PNG an event: all of them, the top ones, none; auto = all up to 500 events, then top"
-        ),
+        Field(description="PNG an event: all of them, the top ones, none; auto = all up to 500 events, then top"),
     ] = "auto"
     top: Annotated[int, Field(ge=1, description="how many events count as top")] = 50
     raw: Annotated[
@@ -226,9 +221,7 @@ class Settings(Section):
     model_config = ConfigDict(frozen=True, extra="forbid", populate_by_name=True)
 
     name: Annotated[str, Field(min_length=1, max_length=80, description="name of the pipeline")] = "highd"
-    seed: Annotated[
-        int, Field(ge=0, le=2**63 - 1, description="seed from which every random draw derives")
-    ] = 1
+    seed: Annotated[int, Field(ge=0, le=2**63 - 1, description="seed from which every random draw derives")] = 1
     synthetic: SyntheticSettings = SyntheticSettings()
     ingest: IngestSettings = IngestSettings()
     extract: ExtractSettings = ExtractSettings()

@@ -1,0 +1,240 @@
+"""First contact of candidate plans with the other vehicles, for tiles of candidates of one duration.
+
+All candidates of a tile share the lateral motion. So lateral separation is tested once per sample for the whole
+tile, longitudinal separation for all candidates in one vector loop, and the ellipses themselves only where
+neither decides.
+"""
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from highd_lc.algorithms.packing import PackedScene
+from highd_lc.core.ellipse import ellipses_overlap
+from highd_lc.core.lcm import lcm_acceleration
+from highd_lc.core.quintic import q_rate, z_rate, z_shape
+from highd_lc.vocab.lcm_parameters import TABLE3_MEANS
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+LANES = 16
+"""Candidates a tile; arrays of a tile are flat, sample k of candidate w at k LANES + w."""
+NO_CONTACT = 1_000_000
+"""Sample of the first contact of a candidate that has none."""
+
+_OTHERS = TABLE3_MEANS.as_array()
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def lateral_motion(
+    n: int, state: FloatArray, scene: PackedScene, y: FloatArray, vy: FloatArray, reach: FloatArray
+) -> None:
+    """Fill y [m], ydot [m/s] and how far the AV's ellipse reaches sideways [m] at every sample.
+
+    A turned ellipse reaches at most b + a sin(heading), and its centre swings by r sin(heading) about the
+    planned point; the heading is bounded by the lowest speed in the tile. state: rows delta, change.
+    """
+    delta_low = state[:LANES].min()
+    change_low, change_high = state[LANES : 2 * LANES].min(), state[LANES : 2 * LANES].max()
+    y[n:], vy[n:], reach[n:] = scene.D, 0.0, scene.b
+    T = n * scene.dt
+    for k in range(n):
+        u = k / n
+        dz, dq = z_rate(u) / T, q_rate(u)
+        y[k], vy[k] = scene.D * z_shape(u), scene.D * dz
+        slowest = scene.v0 + dz * delta_low + min(dq * change_low, dq * change_high)
+        sin = abs(vy[k]) / np.hypot(vy[k], max(slowest, 0.1)) if vy[k] != 0.0 else 0.0
+        reach[k] = scene.b + (scene.a + scene.rear_to_centre) * sin
+
+
+@njit(inline="always")
+def _near(k: int, shift: float, limit: float, av_front: FloatArray) -> int:
+    near = 0
+    for w in range(LANES):
+        near += abs(shift - av_front[k * LANES + w]) < limit
+    return near
+
+
+@njit(inline="always")
+def _near_pair(k: int, shift: float, limit: float, av_front: FloatArray, front: FloatArray) -> int:
+    near = 0
+    for w in range(LANES):
+        near += abs(front[k * LANES + w] + shift - av_front[k * LANES + w]) < limit
+    return near
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _record(
+    k: int,
+    w: int,
+    who: int,
+    dx: float,
+    dy: float,
+    vx: float,
+    vy: float,
+    a2: float,
+    b2: float,
+    scene: PackedScene,
+    contact: IntArray,
+    role: IntArray,
+) -> None:
+    """Record a candidate's contact at sample k if its ellipse, turned into its course, overlaps the other's."""
+    speed = np.hypot(vx, vy)
+    cos, sin = (vx / speed, vy / speed) if vy != 0.0 else (1.0, 0.0)
+    r = scene.rear_to_centre
+    if ellipses_overlap(dx + r * (1.0 - cos), dy - r * sin, cos, sin, scene.a, scene.b, a2, b2):
+        contact[w], role[w] = k, who
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def meet_leaders(
+    n: int,
+    scene: PackedScene,
+    av_front: FloatArray,
+    av_v: FloatArray,
+    y: FloatArray,
+    vy: FloatArray,
+    reach: FloatArray,
+    contact: IntArray,
+    role: IntArray,
+) -> None:
+    """Contacts with the leaders of the origin and the target lane, at all samples."""
+    half = scene.length / 2.0
+    for i in range(len(scene.leader_a)):
+        a2, b2 = scene.leader_a[i], scene.leader_b[i]
+        limit = scene.a + a2 + scene.rear_to_centre
+        for k in range(len(y)):
+            dy = scene.leader_y[i, k] - y[k]
+            if abs(dy) >= reach[k] + b2:
+                continue
+            shift = scene.leader_x[i, k] + half
+            if _near(k, shift, limit, av_front) == 0:
+                continue
+            for w in range(LANES):
+                dx = shift - av_front[k * LANES + w]
+                if k < contact[w] and abs(dx) < limit:
+                    _record(k, w, i, dx, dy, av_v[k * LANES + w], vy[k], a2, b2, scene, contact, role)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _meet_behind(
+    last: int,
+    who: int,
+    other_y: float,
+    back: float,
+    axes: tuple[float, float],
+    scene: PackedScene,
+    av_front: FloatArray,
+    av_v: FloatArray,
+    y: FloatArray,
+    vy: FloatArray,
+    reach: FloatArray,
+    front: FloatArray,
+    contact: IntArray,
+    role: IntArray,
+) -> None:
+    """Contacts over the samples 0 .. last with a vehicle that reacts to each candidate. back: front to centre [m]."""
+    shift = scene.length / 2.0 - back
+    a2, b2 = axes
+    limit = scene.a + a2 + scene.rear_to_centre
+    for k in range(last + 1):
+        dy = other_y - y[k]
+        if abs(dy) >= reach[k] + b2 or _near_pair(k, shift, limit, av_front, front) == 0:
+            continue
+        for w in range(LANES):
+            dx = front[k * LANES + w] + shift - av_front[k * LANES + w]
+            if k < contact[w] and abs(dx) < limit:
+                _record(k, w, who, dx, dy, av_v[k * LANES + w], vy[k], a2, b2, scene, contact, role)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def meet_follower(
+    i: int,
+    n: int,
+    scene: PackedScene,
+    av_front: FloatArray,
+    av_v: FloatArray,
+    y: FloatArray,
+    vy: FloatArray,
+    reach: FloatArray,
+    front: FloatArray,
+    contact: IntArray,
+    role: IntArray,
+) -> None:
+    """Contacts with follower i, whose fronts are given, at all samples."""
+    _meet_behind(
+        len(y) - 1,
+        len(scene.leader_a) + i,
+        scene.follower_y[i],
+        scene.follower_length[i] / 2.0,
+        (scene.follower_a[i], scene.follower_b[i]),
+        scene,
+        av_front,
+        av_v,
+        y,
+        vy,
+        reach,
+        front,
+        contact,
+        role,
+    )
+
+
+@njit(cache=True, nogil=True, fastmath={"contract", "arcp"}, error_model="numpy")
+def _drive_origin_follower(
+    last: int,
+    state: FloatArray,
+    scene: PackedScene,
+    av_front: FloatArray,
+    av_v: FloatArray,
+    front: FloatArray,
+) -> None:
+    """Fronts of the origin follower behind each candidate by LCM (Table 3 means), over the samples 0 .. last."""
+    v_desire, A, b, B, tau, L = _OTHERS
+    for w in range(LANES):
+        state[4 * LANES + w] = scene.origin_follower[0] + scene.origin_follower[3] / 2.0
+        state[5 * LANES + w] = scene.origin_follower[2]
+    for k in range(last + 1):
+        for w in range(LANES):
+            x, v = state[4 * LANES + w], state[5 * LANES + w]
+            spacing = av_front[k * LANES + w] - x
+            a = lcm_acceleration(v, spacing, av_v[k * LANES + w], v_desire, A, b, B, tau, L)
+            front[k * LANES + w] = x
+            v = max(0.0, v + a * scene.dt)
+            state[4 * LANES + w], state[5 * LANES + w] = x + v * scene.dt, v
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def meet_origin_follower(
+    n: int,
+    state: FloatArray,
+    scene: PackedScene,
+    av_front: FloatArray,
+    av_v: FloatArray,
+    y: FloatArray,
+    vy: FloatArray,
+    reach: FloatArray,
+    front: FloatArray,
+    contact: IntArray,
+    role: IntArray,
+) -> None:
+    """Contacts with the origin follower until the crossing, half of T. front, state: scratch."""
+    last = n // 2
+    _drive_origin_follower(last, state, scene, av_front, av_v, front)
+    _meet_behind(
+        last,
+        len(scene.leader_a) + len(scene.follower_x),
+        scene.origin_follower[1],
+        scene.origin_follower[3] / 2.0,
+        (scene.origin_follower[4], scene.origin_follower[5]),
+        scene,
+        av_front,
+        av_v,
+        y,
+        vy,
+        reach,
+        front,
+        contact,
+        role,
+    )

@@ -1,0 +1,141 @@
+"""A scene as flat arrays for the compiled kernels, with the conventions of the replay settled.
+
+Positions along the lane are those of the *front bumper* where spacings are formed (spacing = difference of
+fronts), and of the box centre where ellipses are compared.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from highd_lc.core.ellipse import semi_axes
+from highd_lc.core.losses import follower_weights
+from highd_lc.vocab import names
+from highd_lc.vocab.lcm_parameters import TABLE3_MEANS
+from highd_lc.vocab.scene import Motion, Scene
+from highd_lc.vocab.settings import ValidateSettings
+
+FloatArray = NDArray[np.float64]
+
+PAPER_SEMI_AXES = (2.5, 1.0)
+"""C_a and C_b of the paper [m]; they do not contain the corners of its own 5 m x 2 m box (SPEC section 10)."""
+
+
+class PackedScene(NamedTuple):
+    """Arrays of one scene. N + 1 samples, m leaders, p followers; lengths in m, speeds in m/s.
+
+    v0, D, length, rear_to_centre, a, b: of the AV (a, b: semi-axes). target_front, target_v: front and speed of
+    the target leader, infinite and 0 without one. leader_x, leader_y (m, N + 1), leader_a, leader_b (m,).
+    follower_* (p,), parameters (p, 6), first_L: L of the first follower while it is behind the target leader.
+    origin_follower: x, y, v, length, a, b, or empty. av_parameters (6,). weights (p,). from_crossing: whether
+    the first follower follows the AV only from the crossing. after_lcm: the AV's drive after T.
+    """
+
+    v0: float
+    D: float
+    length: float
+    rear_to_centre: float
+    a: float
+    b: float
+    dt: float
+    target_front: FloatArray
+    target_v: FloatArray
+    leader_x: FloatArray
+    leader_y: FloatArray
+    leader_a: FloatArray
+    leader_b: FloatArray
+    follower_x: FloatArray
+    follower_y: FloatArray
+    follower_v: FloatArray
+    follower_length: FloatArray
+    follower_a: FloatArray
+    follower_b: FloatArray
+    parameters: FloatArray
+    first_L: float
+    origin_follower: FloatArray
+    av_parameters: FloatArray
+    weights: FloatArray
+    from_crossing: bool
+    after_lcm: bool
+
+
+def pack(scene: Scene, settings: ValidateSettings) -> PackedScene:
+    """A scene under the settings' conventions, ready for the kernels."""
+    paper = settings.constraints.ellipse == "paper"
+    followers = scene.followers
+    leaders = [m for m in (scene.origin_leader, scene.target_leader) if m is not None]
+    samples = len(followers.recorded[0].x)
+    axes = [_axes(le, wi, paper) for le, wi in zip(followers.length, followers.width, strict=True)]
+    a, b = _axes(scene.length, scene.width, paper)
+    front, speed = _front(scene.target_leader, samples)
+    return PackedScene(
+        v0=scene.v0,
+        D=scene.lateral_shift,
+        length=scene.length,
+        rear_to_centre=scene.wheelbase / 2.0,
+        a=a,
+        b=b,
+        dt=scene.dt,
+        target_front=front,
+        target_v=speed,
+        leader_x=_stack([m.x for m in leaders], samples),
+        leader_y=_stack([m.y for m in leaders], samples),
+        leader_a=np.array([_axes(m.length, m.width, paper)[0] for m in leaders]),
+        leader_b=np.array([_axes(m.length, m.width, paper)[1] for m in leaders]),
+        follower_x=followers.x,
+        follower_y=followers.y,
+        follower_v=followers.v,
+        follower_length=followers.length,
+        follower_a=np.array([one for one, _ in axes]),
+        follower_b=np.array([two for _, two in axes]),
+        parameters=np.ascontiguousarray(followers.parameters),
+        first_L=followers.L_no_change,
+        origin_follower=_origin_follower(scene.origin_follower, paper),
+        av_parameters=TABLE3_MEANS.as_array(),
+        weights=scene_weights(scene),
+        from_crossing=settings.planner.leader_from == "crossing",
+        after_lcm=settings.planner.after == "lcm",
+    )
+
+
+def scene_weights(scene: Scene) -> FloatArray:
+    """The followers' weights of equation 17 from the recorded states at t_start, shape (p,)."""
+    followers = scene.followers
+    return follower_weights(followers.v, -followers.x + (scene.length - followers.length) / 2.0, scene.v0)
+
+
+def obstacle_roles(scene: Scene) -> tuple[str, ...]:
+    """Roles in the order in which the kernels number obstacles: leaders, followers, origin follower."""
+    present = [
+        role
+        for role, motion in (
+            (names.ORIGIN_LEADER, scene.origin_leader),
+            (names.TARGET_LEADER, scene.target_leader),
+        )
+        if motion is not None
+    ]
+    chain = [names.target_follower(rank + 1) for rank in range(len(scene.followers.x))]
+    last = [names.ORIGIN_FOLLOWER] if scene.origin_follower is not None else []
+    return tuple(present + chain + last)
+
+
+def _axes(length: float, width: float, paper: bool) -> tuple[float, float]:
+    return PAPER_SEMI_AXES if paper else semi_axes(float(length), float(width))
+
+
+def _stack(rows: list[FloatArray], samples: int) -> FloatArray:
+    return np.ascontiguousarray(np.stack(rows)) if rows else np.empty((0, samples))
+
+
+def _front(leader: Motion | None, samples: int) -> tuple[FloatArray, FloatArray]:
+    if leader is None:
+        return np.full(samples, np.inf), np.zeros(samples)
+    return leader.x + leader.length / 2.0, np.ascontiguousarray(leader.v)
+
+
+def _origin_follower(motion: Motion | None, paper: bool) -> FloatArray:
+    if motion is None:
+        return np.empty(0)
+    a, b = _axes(motion.length, motion.width, paper)
+    return np.array([motion.x[0], motion.y[0], motion.v[0], motion.length, a, b])

@@ -1,0 +1,233 @@
+"""Replay of one motion of the AV: its drive after T, the followers' reaction, clearances to everybody."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from highd_lc.algorithms.packing import PackedScene
+from highd_lc.core.ellipse import ellipse_clearance
+from highd_lc.core.lcm import lcm_acceleration
+from highd_lc.core.quintic import Quintic, sample
+from highd_lc.vocab.lcm_parameters import TABLE3_MEANS
+from highd_lc.vocab.scene import Human
+
+FloatArray = NDArray[np.float64]
+
+_OTHERS = TABLE3_MEANS.as_array()
+
+
+@dataclass(frozen=True)
+class AvMotion:
+    """Motion of the AV over 0 .. N samples, prescribed up to sample n (T = n dt).
+
+    x, y: planned point (moves as the box centre up to r (1 - cos phi)) [m]; vx, vy [m/s]; ax [m/s^2], from n on
+    the commanded one; jerk: |jx| + |jy| prescribed at the samples 0 .. n, then |a_k - a_(k-1)| / dt with 0 at n's
+    own step [m/s^3]; all of shape (N + 1,). crossing: sample of the lane crossing.
+    """
+
+    x: FloatArray
+    y: FloatArray
+    vx: FloatArray
+    vy: FloatArray
+    ax: FloatArray
+    jerk: FloatArray
+    n: int
+    crossing: int
+
+
+@dataclass(frozen=True)
+class Replay:
+    """What happens: the AV's motion, the followers' x (box centre) [m], v [m/s] and commanded a [m/s^2] of shape
+    (p, N + 1), and for each obstacle (order of ``packing.obstacle_roles``) the smallest clearance [m] over
+    0 .. T, and over the samples after T; infinite where an obstacle does not count.
+    """
+
+    av: AvMotion
+    x: FloatArray
+    v: FloatArray
+    a: FloatArray
+    clearance_to_T: FloatArray
+    clearance_after_T: FloatArray
+
+
+def plan_motion(plan: Quintic, scene: PackedScene) -> AvMotion:
+    """The prescribed motion of a quintic plan; the samples after T are filled by ``replay``."""
+    n = round(plan.T / scene.dt)
+    s = sample(plan, np.arange(n + 1) * scene.dt)
+    return _prescribed((s.x, s.y, s.vx, s.vy, s.ax, np.abs(s.jx) + np.abs(s.jy)), len(scene.target_v), n // 2)
+
+
+def human_motion(human: Human, scene: PackedScene) -> AvMotion:
+    """The prescribed motion of the recorded ego, smoothed, up to the end of its lane change."""
+    jerk = np.abs(human.jx) + np.abs(human.jy)
+    columns = (human.x, human.y, human.vx, human.vy, human.ax, jerk)
+    return _prescribed(columns, len(scene.target_v), human.crossing)
+
+
+def _prescribed(columns: tuple[FloatArray, ...], samples: int, crossing: int) -> AvMotion:
+    n = min(len(columns[0]), samples) - 1
+    padded = []
+    for column in columns:
+        whole = np.zeros(samples)
+        whole[: n + 1] = column[: n + 1]
+        padded.append(whole)
+    return AvMotion(*padded, n=n, crossing=crossing)
+
+
+def replay(av: AvMotion, scene: PackedScene) -> Replay:
+    """Let the AV drive on after T and the followers react.
+
+    Semi-implicit Euler, all vehicles on the states of the same instant (SPEC section 3). The arrays of ``av`` are
+    completed in place.
+    """
+    drive_on(av.x, av.y, av.vx, av.ax, av.jerk, av.n, scene)
+    samples = len(av.x)
+    p = len(scene.follower_x)
+    x, v, a = (np.empty((p, samples)) for _ in range(3))
+    follow(av.x + scene.length / 2.0, av.vx, av.crossing if scene.from_crossing else 0, scene, x, v, a)
+    to_T, after_T = clearances(av.x, av.y, av.vx, av.vy, av.n, av.crossing, scene, x)
+    return Replay(av, x, v, a, to_T, after_T)
+
+
+@njit(cache=True, nogil=True)
+def drive_on(
+    x: FloatArray,
+    y: FloatArray,
+    vx: FloatArray,
+    ax: FloatArray,
+    jerk: FloatArray,
+    n: int,
+    scene: PackedScene,
+) -> None:
+    """Fill the AV's motion after sample n: LCM behind the target leader, or constant speed."""
+    dt = scene.dt
+    v_desire, A, b, B, tau, L = scene.av_parameters
+    half = scene.length / 2.0
+    for k in range(n, len(x)):
+        command = 0.0
+        if scene.after_lcm:
+            gap = scene.target_front[k] - x[k] - half
+            command = lcm_acceleration(vx[k], gap, scene.target_v[k], v_desire, A, b, B, tau, L)
+        ax[k] = command
+        if k > n:
+            jerk[k] = abs(command - ax[k - 1]) / dt
+        if k + 1 < len(x):
+            vx[k + 1] = max(0.0, vx[k] + command * dt)
+            x[k + 1] = x[k] + vx[k + 1] * dt
+            y[k + 1] = y[k]
+
+
+@njit(cache=True, nogil=True)
+def follow(
+    av_front: FloatArray,
+    av_v: FloatArray,
+    insertion: int,
+    scene: PackedScene,
+    x: FloatArray,
+    v: FloatArray,
+    a: FloatArray,
+) -> None:
+    """Drive the followers by LCM: the first behind the target leader before sample ``insertion`` and behind the AV
+    from then on, each other behind the one before. Fills x, v, a of shape (p, N + 1).
+    """
+    dt = scene.dt
+    p, samples = x.shape
+    for i in range(p):
+        x[i, 0], v[i, 0] = scene.follower_x[i], scene.follower_v[i]
+    for k in range(samples):
+        ahead_front, ahead_v = av_front[k], av_v[k]
+        if k < insertion:
+            ahead_front, ahead_v = scene.target_front[k], scene.target_v[k]
+        for i in range(p):
+            v_desire, A, b, B, tau, L = scene.parameters[i]
+            if i == 0 and k < insertion:
+                L = scene.first_L
+            front = x[i, k] + scene.follower_length[i] / 2.0
+            a[i, k] = lcm_acceleration(v[i, k], ahead_front - front, ahead_v, v_desire, A, b, B, tau, L)
+            ahead_front, ahead_v = front, v[i, k]
+            if k + 1 < samples:
+                v[i, k + 1] = max(0.0, v[i, k] + a[i, k] * dt)
+                x[i, k + 1] = x[i, k] + v[i, k + 1] * dt
+
+
+@njit(cache=True, nogil=True)
+def clearances(
+    x: FloatArray,
+    y: FloatArray,
+    vx: FloatArray,
+    vy: FloatArray,
+    n: int,
+    crossing: int,
+    scene: PackedScene,
+    follower_x: FloatArray,
+) -> tuple[FloatArray, FloatArray]:
+    """Smallest clearance [m] to each obstacle over the samples 0 .. n and over those after n."""
+    m, p, samples = len(scene.leader_a), len(scene.follower_x), len(x)
+    count = m + p + (1 if len(scene.origin_follower) else 0)
+    to_T, after_T = np.full(count, np.inf), np.full(count, np.inf)
+    for i in range(m):
+        _nearest(
+            x, y, vx, vy, n, scene, scene.leader_x[i], scene.leader_y[i], scene.leader_a[i],
+            scene.leader_b[i], to_T, after_T, i,
+        )  # fmt: skip
+    for i in range(p):
+        _nearest(
+            x, y, vx, vy, n, scene, follower_x[i], np.full(samples, scene.follower_y[i]),
+            scene.follower_a[i], scene.follower_b[i], to_T, after_T, m + i,
+        )  # fmt: skip
+    if len(scene.origin_follower):
+        behind = origin_follower_motion(x + scene.length / 2.0, vx, crossing, scene)
+        level = np.full(samples, scene.origin_follower[1])
+        a, b = scene.origin_follower[4], scene.origin_follower[5]
+        last = min(crossing, n) + 1
+        _nearest(x[:last], y, vx, vy, n, scene, behind, level, a, b, to_T, after_T, count - 1)
+    return to_T, after_T
+
+
+@njit(cache=True, nogil=True)
+def origin_follower_motion(
+    av_front: FloatArray, av_v: FloatArray, crossing: int, scene: PackedScene
+) -> FloatArray:
+    """Box centre [m] of the origin follower, behind the AV by LCM (Table 3 means) until the crossing."""
+    v_desire, A, b, B, tau, L = _OTHERS
+    x = np.empty(crossing + 1)
+    x[0], v = scene.origin_follower[0], scene.origin_follower[2]
+    for k in range(crossing):
+        spacing = av_front[k] - x[k] - scene.origin_follower[3] / 2.0
+        v = max(0.0, v + lcm_acceleration(v, spacing, av_v[k], v_desire, A, b, B, tau, L) * scene.dt)
+        x[k + 1] = x[k] + v * scene.dt
+    return x
+
+
+@njit(cache=True, nogil=True)
+def _nearest(
+    x: FloatArray,
+    y: FloatArray,
+    vx: FloatArray,
+    vy: FloatArray,
+    n: int,
+    scene: PackedScene,
+    other_x: FloatArray,
+    other_y: FloatArray,
+    a: float,
+    b: float,
+    to_T: FloatArray,
+    after_T: FloatArray,
+    index: int,
+) -> None:
+    for k in range(len(x)):
+        heading = np.arctan2(vy[k], vx[k]) if k <= n else 0.0
+        sin, cos = np.sin(heading), np.cos(heading)
+        dx = other_x[k] - x[k] + scene.rear_to_centre * (1.0 - cos)
+        dy = other_y[k] - y[k] - scene.rear_to_centre * sin
+        # Separation along the axes is a lower bound: most samples need no more.
+        bound = max(
+            abs(dx) - np.hypot(scene.a * cos, scene.b * sin) - a,
+            abs(dy) - np.hypot(scene.a * sin, scene.b * cos) - b,
+        )
+        nearest = to_T if k <= n else after_T
+        if bound < nearest[index]:
+            clearance = ellipse_clearance(dx, dy, heading, scene.a, scene.b, a, b)
+            nearest[index] = min(nearest[index], clearance)

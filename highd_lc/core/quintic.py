@@ -1,0 +1,204 @@
+"""Quintic trajectories of a lane change (paper, equations 1 to 4, corrected as in SPEC sections 2 and 10).
+
+With u = t / T, z = 6u^5 - 15u^4 + 10u^3 and q = -4u^3 + 7u^4 - 3u^5,
+
+    x = v0 t + (x_final - v0 T) z + T (v_end - v0) q,    y = D z.
+
+Both end accelerations are 0. In the algebra below alpha = (x_final - v0 T) / T^2 and beta = (v_end - v0) / T,
+so that ax = alpha z'' + beta q'' with primes by u; this makes every extremum but that of the speed's magnitude
+a closed form.
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+
+PEAK_VY = 15.0 / 8.0
+PEAK_AY = 10.0 / math.sqrt(3.0)
+END_JY = 60.0
+"""Peaks of |ydot| T/D, |yddot| T^2/D and |ydddot| T^3/D of y = D z."""
+
+
+@dataclass(frozen=True)
+class Quintic:
+    """A planned manoeuvre: duration T [s], forward distance x_final [m], end speed v_end [m/s].
+
+    v0: start speed [m/s]; D: lateral shift, left positive [m].
+    """
+
+    v0: float
+    D: float
+    T: float
+    x_final: float
+    v_end: float
+
+
+@dataclass(frozen=True)
+class Samples:
+    """A trajectory at samples t [s]: x, y [m] and their first three time derivatives, each of shape (n,)."""
+
+    t: FloatArray
+    x: FloatArray
+    y: FloatArray
+    vx: FloatArray
+    vy: FloatArray
+    ax: FloatArray
+    ay: FloatArray
+    jx: FloatArray
+    jy: FloatArray
+
+
+@njit(inline="always")
+def z_shape(u: float) -> float:
+    """z(u) = 6u^5 - 15u^4 + 10u^3: from 0 to 1 with no speed or acceleration at either end."""
+    return u * u * u * (10.0 + u * (6.0 * u - 15.0))
+
+
+@njit(inline="always")
+def z_rate(u: float) -> float:
+    """z'(u) = 30 u^2 (1 - u)^2."""
+    return 30.0 * u * u * (1.0 - u) * (1.0 - u)
+
+
+@njit(inline="always")
+def z_curvature(u: float) -> float:
+    """z''(u) = 60 u (2u - 1)(u - 1)."""
+    return 60.0 * u * (2.0 * u - 1.0) * (u - 1.0)
+
+
+@njit(inline="always")
+def z_third(u: float) -> float:
+    """z'''(u) = 60 - 360 u + 360 u^2."""
+    return 60.0 + 360.0 * u * (u - 1.0)
+
+
+@njit(inline="always")
+def q_shape(u: float) -> float:
+    """q(u) = -4u^3 + 7u^4 - 3u^5: returns to 0 with slope 1."""
+    return u * u * u * (u * (7.0 - 3.0 * u) - 4.0)
+
+
+@njit(inline="always")
+def q_rate(u: float) -> float:
+    """q'(u) = -12u^2 + 28u^3 - 15u^4; q'(1) = 1."""
+    return u * u * (u * (28.0 - 15.0 * u) - 12.0)
+
+
+@njit(inline="always")
+def q_curvature(u: float) -> float:
+    """q''(u) = -12 u (5u - 2)(u - 1)."""
+    return -12.0 * u * (5.0 * u - 2.0) * (u - 1.0)
+
+
+@njit(inline="always")
+def q_third(u: float) -> float:
+    """q'''(u) = -24 + 168 u - 180 u^2."""
+    return -24.0 + u * (168.0 - 180.0 * u)
+
+
+def sample(plan: Quintic, t: FloatArray) -> Samples:
+    """The trajectory at times t [s] within 0 .. T, shape (n,)."""
+    u = t / plan.T
+    delta, change = plan.x_final - plan.v0 * plan.T, plan.v_end - plan.v0
+    alpha, beta, gamma = delta / plan.T**2, change / plan.T, plan.D / plan.T**2
+    return Samples(
+        t=t,
+        x=plan.v0 * t + delta * z_shape(u) + plan.T * change * q_shape(u),
+        y=plan.D * z_shape(u),
+        vx=plan.v0 + plan.T * (alpha * z_rate(u) + beta * q_rate(u)),
+        vy=plan.T * gamma * z_rate(u),
+        ax=alpha * z_curvature(u) + beta * q_curvature(u),
+        ay=gamma * z_curvature(u),
+        jx=(alpha * z_third(u) + beta * q_third(u)) / plan.T,
+        jy=gamma * z_third(u) / plan.T,
+    )
+
+
+@njit(cache=True, nogil=True)
+def forward_extrema(alpha: float, beta: float, v0: float, T: float) -> tuple[float, float, float, float]:
+    """Exact extrema over 0 <= t <= T: lowest and highest xdot [m/s], highest |xddot|, highest |xdddot|.
+
+    alpha, beta in m/s^2 (see the module); v0 in m/s; T in s. The acceleration has the roots u = 0, 1 and one
+    more, the jerk two, its slope one.
+    """
+    v_low = min(v0, v0 + T * beta)
+    v_high = max(v0, v0 + T * beta)
+    slope = 120.0 * alpha - 60.0 * beta
+    if slope != 0.0:
+        u = (60.0 * alpha - 24.0 * beta) / slope
+        if 0.0 < u < 1.0:
+            v = v0 + T * (alpha * z_rate(u) + beta * q_rate(u))
+            v_low, v_high = min(v_low, v), max(v_high, v)
+    a_high = 0.0
+    first, second = _jerk_roots(alpha, beta)
+    for u in (first, second):
+        if 0.0 < u < 1.0:
+            a_high = max(a_high, abs(alpha * z_curvature(u) + beta * q_curvature(u)))
+    j_high = max(abs(60.0 * alpha - 24.0 * beta), abs(60.0 * alpha - 36.0 * beta))
+    bend = 720.0 * alpha - 360.0 * beta
+    if bend != 0.0:
+        u = (360.0 * alpha - 168.0 * beta) / bend
+        if 0.0 < u < 1.0:
+            j_high = max(j_high, abs(alpha * z_third(u) + beta * q_third(u)))
+    return v_low, v_high, a_high, j_high / T
+
+
+@njit(cache=True, nogil=True)
+def _jerk_roots(alpha: float, beta: float) -> tuple[float, float]:
+    """The u at which alpha z''' + beta q''' = 0; -1 where there is none."""
+    a = 360.0 * alpha - 180.0 * beta
+    b = 168.0 * beta - 360.0 * alpha
+    c = 60.0 * alpha - 24.0 * beta
+    discriminant = b * b - 4.0 * a * c
+    if discriminant < 0.0 or (a == 0.0 and b == 0.0):
+        return -1.0, -1.0
+    if a == 0.0:
+        return -c / b, -1.0
+    # The stable pair: no cancellation in either root.
+    w = -0.5 * (b + math.copysign(math.sqrt(discriminant), b))
+    return w / a, (c / w if w != 0.0 else -1.0)
+
+
+@njit(cache=True, nogil=True)
+def speed_extrema(alpha: float, beta: float, v0: float, D: float, T: float) -> tuple[float, float]:
+    """Extrema over 0 <= t <= T of the speed hypot(xdot, ydot) [m/s].
+
+    Between the zeros of d(speed^2)/du, a polynomial of degree 5 besides its factor u (u - 1), found by bisection
+    between the sign changes on 64 intervals.
+    """
+    gamma = D / (T * T)
+    low = high = v0
+    end = abs(v0 + T * beta)
+    low, high = min(low, end), max(high, end)
+    before = _speed_slope(0.0, alpha, beta, gamma, v0, T)
+    for i in range(64):
+        left, right = i / 64.0, (i + 1) / 64.0
+        after = _speed_slope(right, alpha, beta, gamma, v0, T)
+        if (before < 0.0) != (after < 0.0):
+            rising = before < 0.0
+            for _ in range(40):
+                middle = 0.5 * (left + right)
+                if (_speed_slope(middle, alpha, beta, gamma, v0, T) < 0.0) == rising:
+                    left = middle
+                else:
+                    right = middle
+            vx = v0 + T * (alpha * z_rate(left) + beta * q_rate(left))
+            speed = math.hypot(vx, T * gamma * z_rate(left))
+            low, high = min(low, speed), max(high, speed)
+        before = after
+    return low, high
+
+
+@njit(inline="always")
+def _speed_slope(u: float, alpha: float, beta: float, gamma: float, v0: float, T: float) -> float:
+    """d(speed^2)/du over 2 T u (u - 1): keeps the sign changes inside, drops the zeros at the ends."""
+    vx = v0 + T * (alpha * z_rate(u) + beta * q_rate(u))
+    vy = T * gamma * z_rate(u)
+    return vx * (60.0 * alpha * (2.0 * u - 1.0) - 12.0 * beta * (5.0 * u - 2.0)) + vy * 60.0 * gamma * (
+        2.0 * u - 1.0
+    )
