@@ -4,7 +4,7 @@ Angles in rad, left positive; heading 0 along travel. Positions are those of the
 """
 
 from dataclasses import dataclass
-from typing import Final, Literal
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -91,9 +91,6 @@ class TrackingSettings(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
-    solver: Literal["daqp", "osqp"] = Field(
-        "daqp", description="QP solver; osqp is the cross-check of single steps and needs the extra `dev`"
-    )
     horizon: int = Field(6, ge=1, le=60, description="N_p: prediction horizon [samples of 0.1 s] (paper: 6)")
     control_horizon: int = Field(
         4, ge=1, le=60, description="N_c: increments decided [samples], at most N_p (paper: 4)"
@@ -114,7 +111,10 @@ class TrackingSettings(BaseModel):
         1.0, gt=0, le=1e9, description="Q: weight of the steering error's increment [1/rad^2] (sweep)"
     )
     slack_penalty: float = Field(
-        1e4, gt=0, le=1e12, description="rho: weight of the squared slack (paper's form; value from the sweep)"
+        1e4,
+        gt=0,
+        le=1e12,
+        description="rho: weight of the squared slack (form: paper; value: sweep)",
     )
     speed_min: float = Field(0.0, ge=0, le=50, description="lowest commanded speed [m/s] (no reversing)")
     speed_max: float = Field(
@@ -124,7 +124,10 @@ class TrackingSettings(BaseModel):
         10.0, gt=0, le=50, description="largest increment of the speed per second [m/s^2] (SPEC 5: 8, margin)"
     )
     steering_max: float = Field(
-        0.6, gt=0, le=1.2, description="largest steering angle of the wheels [rad] (passenger cars: 30-40 deg)"
+        0.6,
+        gt=0,
+        le=1.2,
+        description="largest steering angle of the wheels [rad] (cars: 30-40 deg)",
     )
     steering_rate_max: float = Field(
         0.4, gt=0, le=10, description="largest steering rate [rad/s] (commonroad-vehicle-models, set 2)"
@@ -153,15 +156,15 @@ class TrackingSettings(BaseModel):
 
 @dataclass(frozen=True)
 class TrackingResult:
-    """A closed loop over one reference with n intervals of dt [s].
+    """A closed loop over one reference at the samples 0 .. n of dt [s].
 
     status: one of TRACKING_STATUSES; reason: what lies behind a status other than `tracked`.
-    states: x, y [m], heading [rad] of the rear axle at the samples, shape (n + 1, 3); inputs: speed [m/s] and
-    steering angle [rad] held over each interval, shape (n, 2); errors: longitudinal, lateral [m] and heading
-    [rad] in the reference's frame at the samples, shape (n + 1, 3); slack, shape (n,), in units in which 1
-    softens the speed's bounds by 1 m/s; active_bounds: input bounds active in each step's QP, shape (n,);
-    flags: the solver's exit flags, shape (n,), positive = solved; residual: largest KKT residual of a step,
-    shape (n,). Arrays are NaN (flags 0) and the figures NaN for an invalid reference.
+    states: x, y [m], heading [rad] of the rear axle, shape (n + 1, 3); inputs: speed [m/s] and steering angle
+    [rad] commanded from each sample on, shape (n + 1, 2), the last at the end of the reference; errors:
+    longitudinal, lateral [m] and heading [rad] in the reference's frame, shape (n + 1, 3); slack, shape (n + 1,),
+    in units in which 1 softens the speed's bounds by 1 m/s; active_bounds: input bounds active in each QP, shape
+    (n + 1,); flags: the solver's exit flags, shape (n + 1,), positive = solved; residual: largest KKT residual of
+    each QP, shape (n + 1,). For an invalid reference the arrays and the figures are NaN, the flags 0.
     """
 
     status: str

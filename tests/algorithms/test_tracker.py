@@ -1,0 +1,173 @@
+"""The closed loop: accuracy on nominal plans, agreement with a plain loop, statuses, disturbances."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from tracking_plans import quintic_reference
+
+from highd_lc.algorithms.mpc import assemble, mpc_parameters, new_memory, solve
+from highd_lc.algorithms.tracker import Disturbance, reference_rows, track, track_many
+from highd_lc.core.bicycle import bicycle_step
+from highd_lc.vocab.errors import ShapeError
+from highd_lc.vocab.tracking import (
+    INVALID_REFERENCE,
+    LOST,
+    SOFTENED,
+    TRACKED,
+    TRACKING_STATUSES,
+    Reference,
+    TrackingSettings,
+)
+
+SETTINGS = TrackingSettings()
+
+
+def drive(reference, wheelbase=2.7, settings=SETTINGS, **disturbance):
+    return track(reference, wheelbase=wheelbase, settings=settings, disturbance=Disturbance(**disturbance))
+
+
+NOMINAL = [(v0, shift, T) for v0 in (10.0, 25.0, 40.0) for shift in (-3.5, 3.5) for T in (4.0, 5.5, 8.0)]
+
+
+@pytest.mark.parametrize(("v0", "shift", "T"), NOMINAL)
+def test_nominal_plans_are_tracked_to_centimetres(v0, shift, T):
+    result = drive(quintic_reference(v0, shift, T, v_end=v0 + 2.0))
+    assert result.status == TRACKED
+    assert result.reason == ""
+    assert result.rmse_lateral_m < 0.02
+    assert result.max_lateral_m < 0.05
+    assert result.qp_failures == 0
+
+
+def plain_loop(reference, wheelbase, offset):
+    """The same loop in plain Python: numpy errors, one assembled QP a step, the exact plant."""
+    rows, p = reference_rows(reference, wheelbase, SETTINGS.horizon), mpc_parameters(SETTINGS, reference.dt)
+    memory = new_memory(p)
+    state, held, before = rows[0, :3] + offset, rows[0, 3:].copy(), rows[0, 3:]
+    states, inputs = [state], []
+    for k in range(reference.n_steps + 1):
+        assemble(state - rows[k, :3], held - before, rows, k, wheelbase, p, memory)
+        assert solve(memory) > 0
+        held = rows[k, 3:] + (held - before) + memory.z[:2]
+        before = rows[k, 3:]
+        inputs.append(held)
+        state = np.array(bicycle_step(*state, *held, reference.dt, wheelbase))
+        states.append(state)
+    return np.array(states[:-1]), np.array(inputs)
+
+
+def test_compiled_loop_equals_the_plain_loop():
+    reference = quintic_reference(22.0, -3.4, 5.0, v_end=25.0)
+    offset = (0.3, -0.2, 0.01)
+    result = drive(reference, offset=offset)
+    states, inputs = plain_loop(reference, 2.7, np.array(offset))
+    np.testing.assert_allclose(result.states, states, atol=1e-10)
+    np.testing.assert_allclose(result.inputs, inputs, atol=1e-10)
+
+
+def test_a_straight_reference_is_followed_exactly():
+    result = drive(quintic_reference(30.0, 0.0, 5.0))
+    np.testing.assert_allclose(result.errors, 0.0, atol=1e-12)
+    np.testing.assert_allclose(result.inputs, np.tile([30.0, 0.0], (51, 1)), atol=1e-12)
+
+
+def test_left_and_right_mirror():
+    left, right = drive(quintic_reference(25.0, 3.5, 5.0)), drive(quintic_reference(25.0, -3.5, 5.0))
+    np.testing.assert_allclose(left.states * [1, -1, -1], right.states, atol=1e-12)
+
+
+def test_an_initial_offset_decays():
+    result = drive(quintic_reference(25.0, 3.5, 6.0), offset=(0.5, 0.5, 0.0))
+    assert abs(result.errors[0, 1]) == pytest.approx(0.5)
+    assert np.abs(result.errors[-1]).max() < 0.02
+
+
+def test_errors_are_taken_in_the_references_frame():
+    reference = quintic_reference(25.0, 3.5, 5.0)
+    result = drive(reference, offset=(0.4, 0.3, 0.02))
+    assert result.errors[0] == pytest.approx([0.4, 0.3, 0.02])
+    k = 25
+    c, s = np.cos(reference.heading[k]), np.sin(reference.heading[k])
+    ex, ey = result.states[k, 0] - reference.x[k], result.states[k, 1] - reference.y[k]
+    assert result.errors[k, :2] == pytest.approx([c * ex + s * ey, c * ey - s * ex])
+    assert result.max_lateral_m == np.abs(result.errors[:, 1]).max()
+    assert result.rmse_lateral_m == pytest.approx(np.sqrt(np.mean(result.errors[:, 1] ** 2)))
+
+
+@settings(max_examples=40, deadline=None)
+@given(
+    st.floats(0.0, 50.0),
+    st.floats(-8.0, 8.0),
+    st.sampled_from([2.0, 3.0, 5.5]),
+    st.floats(0.0, 50.0),
+    st.floats(-3.0, 3.0),
+)
+def test_bounds_hold_to_the_slack_and_nothing_breaks(v0, shift, T, v_end, offset):
+    """Any plan, within the car's ability or not: a status, finite numbers, bounds kept to the slack."""
+    result = drive(quintic_reference(v0, shift, T, v_end=v_end), offset=(0.0, offset, 0.0))
+    assert result.status in TRACKING_STATUSES
+    for part in (result.states, result.inputs, result.errors, result.slack):
+        assert np.all(np.isfinite(part))
+    if result.qp_failures == 0:
+        s, room = SETTINGS, result.slack + 1e-5
+        v, delta = result.inputs.T
+        assert np.all(v <= s.speed_max + room)
+        assert np.all(v >= s.speed_min - room)
+        assert np.all(np.abs(delta) <= s.steering_max + s.steering_softening * room)
+        assert np.all(np.abs(np.diff(v)) <= s.acceleration_max * 0.1 + room[1:])
+        assert np.all(np.abs(np.diff(delta)) <= s.steering_rate_max * 0.1 + s.steering_softening * room[1:])
+
+
+def test_a_plan_outside_the_cars_ability_is_lost_with_a_reason():
+    result = drive(quintic_reference(2.0, 8.0, 2.0))
+    assert result.status == LOST
+    assert "exceeds 1.75 m" in result.reason
+    assert np.isfinite(result.rmse_lateral_m)
+
+
+def test_bounds_that_have_to_give_are_softened():
+    tight = TrackingSettings(speed_max=24.0, slack_penalty=1.0)
+    result = drive(quintic_reference(25.0, 3.5, 5.0), settings=tight)
+    assert result.status == SOFTENED
+    assert result.max_slack > tight.slack_tolerance
+    assert result.active_bounds.max() > 0
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_a_reference_that_is_not_finite_is_a_status(value):
+    good = quintic_reference(25.0, 3.5, 4.0)
+    bad = good.y.copy()
+    bad[7] = value
+    result = drive(Reference(good.dt, good.x, bad, good.xdot, good.ydot, good.xddot, good.yddot))
+    assert result.status == INVALID_REFERENCE
+    assert np.isnan(result.rmse_lateral_m)
+    assert result.states.shape == (41, 3)
+
+
+def test_standstill_is_driven():
+    result = drive(quintic_reference(0.0, 0.0, 3.0, x_final=0.0))
+    assert result.status == TRACKED
+    assert result.max_lateral_m == 0.0
+
+
+def test_many_plans_equal_single_plans_for_any_number_of_threads():
+    plans = [quintic_reference(v, 3.5, T) for v in (12.0, 30.0) for T in (3.2, 6.0)]
+    bases = [2.4, 2.7, 3.0, 6.0]
+    alone = [drive(plan, wheelbase) for plan, wheelbase in zip(plans, bases, strict=True)]
+    for threads in (1, 2):
+        for one, many in zip(
+            alone, track_many(plans, wheelbases=bases, settings=SETTINGS, threads=threads), strict=True
+        ):
+            np.testing.assert_array_equal(one.states, many.states)
+            np.testing.assert_array_equal(one.inputs, many.inputs)
+
+
+def test_shapes_that_do_not_fit_are_named():
+    good = quintic_reference(25.0, 3.5, 4.0)
+    with pytest.raises(ShapeError, match=r"Reference.ydot has shape \(3,\)"):
+        Reference(0.1, good.x, good.y, good.xdot, good.ydot[:3], good.xddot, good.yddot)
+    with pytest.raises(ShapeError, match="noise has shape"):
+        drive(good, noise=np.zeros((3, 3)))
+    with pytest.raises(ShapeError, match="1 wheelbases for 2 references"):
+        track_many([good, good], wheelbases=[2.7], settings=SETTINGS)
