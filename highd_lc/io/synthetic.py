@@ -1,0 +1,110 @@
+"""The synthetic recorder: recordings in HighD's format, of simulated traffic whose truth is known.
+
+Beside the three CSVs of a recording stand NN_truth.csv (every lane change) and NN_truth_drivers.csv (every
+driver's LCM parameters); the CSVs themselves hold nothing that a camera could not have seen.
+"""
+
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from highd_lc.algorithms.traffic_film import Film, film_carriageway
+from highd_lc.io.synthetic_csv import write_table
+from highd_lc.io.synthetic_highd import HAS_DECIMALS, TRACK_COLUMNS, Site, Tracks, encode
+from highd_lc.io.synthetic_meta import draw_occasion, write_metas
+from highd_lc.io.synthetic_truth import drivers_table, truth_table
+from highd_lc.vocab.recorder import RecorderSettings
+
+_TOP_MARGIN, _MEDIAN = 8.5, 4.5
+DIRECTIONS = (1, 2)
+"""Driving directions: 1 = upper carriageway, 2 = lower (HIGHD.md)."""
+
+
+@dataclass(frozen=True)
+class Scene:
+    """A recording before it is written: the markings, the film of each direction, the tracks table."""
+
+    site: Site
+    films: dict[int, Film]
+    tracks: Tracks
+
+
+def synthesize(
+    out: Path,
+    *,
+    recordings: int,
+    seconds: float,
+    seed: int,
+    settings: RecorderSettings | None = None,
+    workers: int = 1,
+) -> list[int]:
+    """Write recordings 1 .. N of the given length [s] into a folder; returns their numbers.
+
+    Recording k depends on the seed, k and the settings alone. workers: threads (the compiled work runs outside
+    the interpreter's lock).
+    """
+    out.mkdir(parents=True, exist_ok=True)
+    settings = settings or RecorderSettings()
+    numbers = list(range(1, recordings + 1))
+    with ThreadPoolExecutor(workers) as pool:
+        list(pool.map(lambda number: write_recording(out, number, seconds, seed, settings=settings), numbers))
+    return numbers
+
+
+def write_recording(out: Path, recording: int, seconds: float, seed: int, *, settings: RecorderSettings) -> None:
+    """Simulate one recording and write its five files."""
+    rng = np.random.default_rng((seed, recording))
+    scene = simulate_recording(recording, seconds, seed, settings=settings)
+    name = f"{recording:02d}"
+    frames = scene.films[1].frames
+    write_table(out / f"{name}_tracks.csv", ",".join(TRACK_COLUMNS), scene.tracks.table, decimals=HAS_DECIMALS)
+    write_metas(
+        out,
+        recording,
+        scene.tracks,
+        site=scene.site,
+        frames=frames,
+        settings=settings,
+        occasion=draw_occasion(rng),
+    )
+    truth, drivers = truth_of(scene, settings.frame_rate)
+    truth.to_csv(out / f"{name}_truth.csv", index=False, float_format="%.3f")
+    drivers.to_csv(out / f"{name}_truth_drivers.csv", index=False, float_format="%.6g")
+
+
+def simulate_recording(recording: int, seconds: float, seed: int, *, settings: RecorderSettings) -> Scene:
+    """Simulate one recording of the given length [s] in memory."""
+    rng = np.random.default_rng((seed, recording, 0))
+    site = _draw_site(rng, settings)
+    flow = settings.flow_veh_per_h * (1 + settings.flow_spread * rng.uniform(-1, 1))
+    films = {
+        direction: film_carriageway(
+            site.markings(direction), (seed, recording, direction), flow=flow, seconds=seconds, settings=settings
+        )
+        for direction in DIRECTIONS
+    }
+    return Scene(site, films, encode(films, site))
+
+
+def truth_of(scene: Scene, frame_rate: float) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """The lane changes and the drivers of both carriageways, by vehicle and time."""
+    tables = [
+        (truth_table(film, scene.tracks.ids[d], frame_rate=frame_rate), drivers_table(film, scene.tracks.ids[d]))
+        for d, film in scene.films.items()
+    ]
+    truth = pd.concat([table for table, _ in tables if len(table)] or [tables[0][0]], ignore_index=True)
+    drivers = pd.concat([table for _, table in tables], ignore_index=True)
+    if len(truth):
+        truth = truth.sort_values(["vehicle_id", "crossing_frame"])
+    return truth, drivers.sort_values("vehicle_id")
+
+
+def _draw_site(rng: np.random.Generator, settings: RecorderSettings) -> Site:
+    """Lane widths of a motorway, 3.5 to 3.95 m, markings to the centimetre as HighD prints them."""
+    upper = _TOP_MARGIN + np.concatenate([[0.0], np.cumsum(rng.uniform(3.5, 3.95, settings.upper_lanes))])
+    below = upper[-1] + _MEDIAN
+    lower = below + np.concatenate([[0.0], np.cumsum(rng.uniform(3.5, 3.95, settings.lower_lanes))])
+    return Site(np.round(upper, 2), np.round(lower, 2))

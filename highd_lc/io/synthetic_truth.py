@@ -1,0 +1,165 @@
+"""The truth behind a synthetic recording, beside the HighD files and never in them.
+
+NN_truth.csv holds a row for every crossing of a lane marking in view, NN_truth_drivers.csv a row a vehicle.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from highd_lc.algorithms.traffic_film import Film
+from highd_lc.algorithms.traffic_lanes import REFERENCE_LENGTH
+from highd_lc.algorithms.traffic_state import BROKEN_OFF, COEFFICIENTS, RETURN, FloatArray, IntArray
+from highd_lc.vocab import names
+from highd_lc.vocab.lcm_parameters import PARAMETERS
+
+MOVING = 0.1
+"""Lateral speed of the path whose passings are reported [m/s] (SPEC section 11)."""
+_FINE = 0.001
+_KINDS = {BROKEN_OFF: "broken_off", RETURN: "return"}
+
+
+@dataclass(frozen=True)
+class _Change:
+    """A true change: lanes from 0 = rightmost, times [s] of the path's start and end and of the moments
+    between which its lateral speed is above ``MOVING``."""
+
+    driver: int
+    kind: str
+    origin: int
+    target: int
+    start: float
+    end: float
+    moving_from: float
+    moving_to: float
+
+
+def truth_table(film: Film, ids: IntArray, *, frame_rate: float) -> pd.DataFrame:
+    """One row a true lane change of a carriageway whose crossing is in view, vehicle by vehicle.
+
+    Lanes: 1 = rightmost. Times in s from the recording's frame 1, of the whole path, seen or not; ``moving_*``:
+    when the path's lateral speed passes 0.1 m/s. ``crossing_frame``: the first with the true box centre in the
+    target lane. Leaders and followers (0 = none): in ``start_frame``, the frame nearest to ``moving_from_s``, by
+    the fronts of the vehicles in view; ``target_follower_spacings_m``: from front to front along the chain.
+    """
+    lanes = np.searchsorted(film.road.markings, film.true[:, 3], side="right") - 1
+    order = np.argsort(film.driver, kind="stable")
+    bounds = np.searchsorted(film.driver[order], np.arange(len(ids) + 1))
+    rows = []
+    for change in _changes(film.paths):
+        seen = order[bounds[change.driver] : bounds[change.driver + 1]]
+        crossing = _crossing(change, lanes[seen], film.frame[seen] / frame_rate)
+        if crossing >= 0:
+            rows.append(_truth_row(change, film, lanes, seen=seen, crossing=crossing, ids=ids, rate=frame_rate))
+    return pd.DataFrame(rows)
+
+
+def drivers_table(film: Film, ids: IntArray) -> pd.DataFrame:
+    """The LCM parameters of the vehicles in view; L applies behind a leader of ``reference_length_m``, and moves
+    with the leader's length."""
+    seen = np.flatnonzero(ids)
+    table = pd.DataFrame(film.drivers.lcm[seen], columns=list(PARAMETERS))
+    table.insert(0, "vehicle_id", ids[seen])
+    table.insert(1, "class", np.where(film.drivers.truck[seen], names.TRUCK, names.CAR))
+    table["reference_length_m"] = REFERENCE_LENGTH
+    return table
+
+
+def _changes(paths: FloatArray) -> Iterator[_Change]:
+    """The changes in the order of their start; a path broken off and the way back are two changes."""
+    for number, path in enumerate(paths):
+        kind = int(path[6])
+        pieces = [path]
+        if kind == BROKEN_OFF:
+            pieces.append(next(later for later in paths[number + 1 :] if later[0] == path[0]))
+        yield _change(pieces, kind)
+
+
+def _change(pieces: list[FloatArray], kind: int) -> _Change:
+    """The change along one path or, broken off, two; it lasts while the lateral speed is towards the target."""
+    path = pieces[0]
+    origin, target = int(path[4]), int(path[5])
+    time = np.concatenate([np.arange(piece[1], piece[2], _FINE) for piece in pieces])
+    speed = np.concatenate([_lateral_speed(piece) for piece in pieces]) * np.sign(target - origin)
+    # The way back begins with the rest of the way out, and the way out ends where the way back begins.
+    forth = np.flatnonzero(speed >= 0)
+    moving = time[speed > MOVING]
+    return _Change(
+        int(path[0]),
+        _KINDS.get(kind, "change"),
+        origin,
+        target,
+        start=float(time[forth[0]]),
+        end=float(time[forth[-1]]),
+        moving_from=float(moving[0]),
+        moving_to=float(moving[-1]),
+    )
+
+
+def _lateral_speed(path: FloatArray) -> FloatArray:
+    t = np.arange(path[1], path[2], _FINE) - path[1]
+    speed: FloatArray = np.polynomial.Polynomial(path[COEFFICIENTS]).deriv()(t)
+    return speed
+
+
+def _crossing(change: _Change, lane: IntArray, time: FloatArray) -> int:
+    """Index of the first row of the vehicle in the target lane after one in the origin lane; -1 if unseen."""
+    crosses = (lane[:-1] == change.origin) & (lane[1:] == change.target)
+    during = (time[1:] > change.start) & (time[1:] < change.end + 1 / 2)
+    hits = np.flatnonzero(crosses & during)
+    return int(hits[0]) + 1 if len(hits) else -1
+
+
+def _truth_row(
+    change: _Change, film: Film, lanes: IntArray, *, seen: IntArray, crossing: int, ids: IntArray, rate: float
+) -> dict[str, Any]:
+    first, last = film.frame[seen[0]] / rate, film.frame[seen[-1]] / rate
+    start_frame = round(change.moving_from * rate)
+    return {
+        "vehicle_id": ids[change.driver],
+        "kind": change.kind,
+        "origin_lane": change.origin + 1,
+        "target_lane": change.target + 1,
+        "start_s": change.start,
+        "moving_from_s": change.moving_from,
+        "crossing_s": film.frame[seen[crossing]] / rate,
+        "moving_to_s": change.moving_to,
+        "end_s": change.end,
+        "start_frame": start_frame + 1,
+        "crossing_frame": film.frame[seen[crossing]] + 1,
+        "end_frame": round(change.moving_to * rate) + 1,
+        "complete_in_view": bool(first <= change.moving_from and change.moving_to <= last),
+        "path_in_view": bool(first <= change.start and change.end <= last),
+        **_neighbours(change, film, lanes, frame=start_frame, ids=ids),
+    }
+
+
+def _neighbours(change: _Change, film: Film, lanes: IntArray, *, frame: int, ids: IntArray) -> dict[str, Any]:
+    """Leaders and followers of the ego on both lanes in a frame; none if it is not in view then."""
+    begin, end = np.searchsorted(film.frame, [frame, frame + 1])
+    driver, lane = film.driver[begin:end], lanes[begin:end]
+    front = film.true[begin:end, 0] + film.drivers.length[driver] / 2
+    ego = np.flatnonzero(driver == change.driver)
+    own = front[ego[0]] if len(ego) else np.nan
+    found = {}
+    for name, number in (("origin", change.origin), ("target", change.target)):
+        there = (lane == number) & (driver != change.driver)
+        ahead = np.flatnonzero(there & (front > own))
+        behind = np.flatnonzero(there & (front <= own))
+        found[name] = ahead[np.argsort(front[ahead])], behind[np.argsort(-front[behind])]
+    chain = found["target"][1]
+    spacings = -np.diff(front[chain], prepend=own)
+    return {
+        "origin_leader_id": _first(ids[driver[found["origin"][0]]]),
+        "origin_follower_id": _first(ids[driver[found["origin"][1]]]),
+        "target_leader_id": _first(ids[driver[found["target"][0]]]),
+        "target_follower_ids": ";".join(str(number) for number in ids[driver[chain]]),
+        "target_follower_spacings_m": ";".join(f"{spacing:.2f}" for spacing in spacings),
+    }
+
+
+def _first(numbers: IntArray) -> int:
+    return int(numbers[0]) if len(numbers) else 0
