@@ -7,7 +7,7 @@ recording. A finished artefact holds one row group a recording, so that a record
 
 import json
 import os
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import asdict
 from functools import cache
 from pathlib import Path
@@ -76,8 +76,7 @@ def to_arrow(name: str, frame: pd.DataFrame, provenance: Provenance) -> pa.Table
     arrays = [_to_array(name, column, frame[column.name]) for column in table.columns]
     result = pa.Table.from_arrays(arrays, schema=arrow_schema(name))
     check(table, result)
-    about = {"schema_version": SCHEMA_VERSION, **asdict(provenance)}
-    return result.replace_schema_metadata({_METADATA: json.dumps(about, sort_keys=True).encode()})
+    return result.replace_schema_metadata(_about(provenance))
 
 
 def _to_array(name: str, column: Column, values: pd.Series) -> pa.Array:
@@ -115,6 +114,23 @@ def write_part(job: Job, stage: str, name: str, frame: pd.DataFrame) -> int:
     return len(ordered)
 
 
+def write_columns(path: Path, name: str, columns: Mapping[str, pa.Array], provenance: Provenance) -> int:
+    """Write a large artefact from arrow arrays in the table's order, without the detour of a data frame.
+
+    Types and nulls are checked, values are not: their maker vouches for them. Returns the number of rows.
+    """
+    table = pa.Table.from_arrays([columns[c] for c in TABLES[name].column_names], schema=arrow_schema(name))
+    for problem in _type_problems(TABLES[name], table):
+        raise ArtefactError(f"{name}: {problem}")
+    write(path, table.replace_schema_metadata(_about(provenance)))
+    return table.num_rows
+
+
+def _about(provenance: Provenance) -> dict[bytes, bytes]:
+    about = {"schema_version": SCHEMA_VERSION, **asdict(provenance)}
+    return {_METADATA: json.dumps(about, sort_keys=True).encode()}
+
+
 def concatenate(work: Path, stage: str, name: str, recordings: Iterable[int], provenance: Provenance) -> int:
     """Join a stage's parts into the finished artefact, one row group a recording. Returns its rows."""
     paths = [part_folder(work, stage, recording) / f"{name}.parquet" for recording in sorted(recordings)]
@@ -125,8 +141,7 @@ def write_groups(work: Path, name: str, groups: Iterable[pa.Table], provenance: 
     """Write a finished artefact from its row groups, one at a time. Returns the number of rows."""
     path = path_of(work, name)
     temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
-    about = {"schema_version": SCHEMA_VERSION, **asdict(provenance)}
-    schema = arrow_schema(name).with_metadata({_METADATA: json.dumps(about, sort_keys=True).encode()})
+    schema = arrow_schema(name).with_metadata(_about(provenance))
     rows = 0
     try:
         with temporary.open("wb") as sink:

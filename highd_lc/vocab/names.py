@@ -65,6 +65,7 @@ RIGHT: Final = "right"
 # Reasons why a lane-id change is not a usable event; the order is the order in which they are tested.
 OUTSIDE_MARKINGS: Final = "outside_markings"
 NOT_ADJACENT: Final = "not_adjacent"
+FLICKER: Final = "flicker"
 RETURNED: Final = "returned"
 CUT_BEFORE_START: Final = "cut_before_start"
 CUT_AFTER_END: Final = "cut_after_end"
@@ -76,6 +77,7 @@ NO_TARGET_FOLLOWER: Final = "no_target_follower"
 REASONS: Final = (
     OUTSIDE_MARKINGS,
     NOT_ADJACENT,
+    FLICKER,
     TRACK_HOLE,
     RETURNED,
     CUT_BEFORE_START,

@@ -109,6 +109,40 @@ VEHICLES = Table(
     ),
 )
 
+RECORDINGS = Table(
+    "recordings",
+    "recording and carriageway with vehicles",
+    ("recording_id", "driving_direction"),
+    (
+        _RECORDING,
+        Column("driving_direction", "int64", "1 = upper carriageway, 2 = lower", minimum=1, maximum=2),
+        Column("location_id", "int64", "site of the recording"),
+        _number("frame_rate", "frames a second", "Hz", nullable=False, minimum=0),
+        Column("markings", "list<float64>", "lane markings from the right edge, ascending, first 0 [m]"),
+        _number("entry_m", "smallest x that a box of the recording reaches", "m", nullable=False),
+        _number("exit_m", "largest x that a box of the recording reaches", "m", nullable=False),
+        _count("n_vehicles", "vehicles"),
+        _count("n_trucks", "trucks among them"),
+        _count("n_rows", "rows of tracks"),
+        _count("n_holes", "places where a track misses frames"),
+        _count("n_duplicates", "identical rows that were dropped"),
+        _number("share_outside", "share of rows outside the markings", minimum=0, maximum=1),
+        _number("share_lane_mismatch", "share of rows whose lane is not that of their centre", minimum=0),
+        _number("mean_acceleration", "mean recorded forward acceleration: the bias", "m/s²"),
+        _number("mean_speed_change", "change of speed from first to last row, over time in view", "m/s²"),
+        Column("bias_removed", "bool", "whether mean_acceleration was subtracted from ax"),
+        _number("disagreement_entry", "mean |dx/dt - vx| in the first trimmed metres", "m/s", minimum=0),
+        _number("disagreement_inner", "mean |dx/dt - vx| between the trimmed ends", "m/s", minimum=0),
+        _number("disagreement_exit", "mean |dx/dt - vx| in the last trimmed metres", "m/s", minimum=0),
+        Column("disagreement_profile", "list<float64>", "mean dx/dt - vx in bins of 10 m from entry_m [m/s]"),
+        *(
+            _number(f"share_{name}", f"share of vehicles whose {name} agrees with the metas", minimum=0)
+            for name in ("n_frames", "lane_changes", "min_gap", "min_time_gap", "travelled")
+        ),
+        Column("failed_checks", "list<string>", "cross-checks against the metas that failed"),
+    ),
+)
+
 CROSSINGS = Table(
     "crossings",
     "lane-id change (the funnel)",
@@ -156,6 +190,7 @@ EVENTS = Table(
         ),
         Column("target_leader_id", "int64", "ahead on the target lane at t_start; null = none", "", True, 1),
         Column("follower_ids", "list<int64>", "followers on the target lane at t_start, nearest first"),
+        Column("roles_confirmed", "bool", "whether the file's leader ids say the same of all roles"),
     ),
 )
 
@@ -369,6 +404,7 @@ TABLES: Final = {
     for table in (
         TRACKS,
         VEHICLES,
+        RECORDINGS,
         CROSSINGS,
         EVENTS,
         EVENT_TRACKS,

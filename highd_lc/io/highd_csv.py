@@ -1,0 +1,141 @@
+"""Typed reading of HighD's CSV files: only the columns asked for, and every fault named by file, column, row."""
+
+import csv
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from math import isfinite
+from pathlib import Path
+from typing import NoReturn
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
+from numpy.typing import NDArray
+from pyarrow import csv as arrow_csv
+
+from highd_lc.vocab.errors import InputError
+
+Array = NDArray[np.float64] | NDArray[np.int64] | NDArray[np.str_]
+
+
+@dataclass(frozen=True)
+class Field:
+    """A column of a CSV file: whole number, number or text, and the range that a sane file keeps."""
+
+    name: str
+    kind: type[int] | type[float] | type[str]
+    low: float = -np.inf
+    high: float = np.inf
+
+    def fault(self, text: str) -> str | None:
+        """Why the text cannot be this field's value, or None."""
+        if self.kind is str:
+            return None if text else "is empty"
+        try:
+            value = float(text)
+        except ValueError:
+            return f"{text[:40]!r} is not a number"
+        if not isfinite(value):
+            return f"{text[:40]!r} is not a finite number"
+        if self.kind is int and value != int(value):
+            return f"{text[:40]!r} is not a whole number"
+        if not self.low <= value <= self.high:
+            return f"{text[:40]} is outside [{self.low:g}, {self.high:g}]"
+        return None
+
+
+_TYPES = {int: pa.int64(), float: pa.float64(), str: pa.string()}
+
+
+def read_columns(path: Path, fields: Sequence[Field]) -> dict[str, Array]:
+    """Read the columns of a CSV file as arrays, in the order of ``fields``; each of shape (rows,).
+
+    Raises InputError naming file, column and row (line of the file, 1 = header) if the file is missing, empty
+    or torn, a column is missing or doubled, or a cell is not what its field says.
+    """
+    _check_header(path, fields)
+    try:
+        table = _read(path, {f.name: _TYPES[f.kind] for f in fields})
+    except (pa.ArrowInvalid, OSError) as error:
+        table = _read_leniently(path, fields, error)
+    columns = {f.name: _to_numpy(table[f.name], f) for f in fields}
+    if any(_is_faulty(columns[f.name], f) for f in fields):
+        _raise_first_fault(path, fields, "holds values out of range")
+    return {
+        f.name: columns[f.name].astype(np.int64, copy=False) if f.kind is int else columns[f.name] for f in fields
+    }
+
+
+def _read(path: Path, types: Mapping[str, pa.DataType]) -> pa.Table:
+    """One thread: the engine runs recordings side by side, and one thread costs 30 % less CPU time."""
+    return arrow_csv.read_csv(
+        path,
+        read_options=arrow_csv.ReadOptions(use_threads=False),
+        convert_options=arrow_csv.ConvertOptions(
+            column_types=types, include_columns=list(types), strings_can_be_null=False
+        ),
+    )
+
+
+def _read_leniently(path: Path, fields: Sequence[Field], first_error: Exception) -> pa.Table:
+    """Whole numbers written as 1.0 are read too; anything else is named and refused."""
+    try:
+        return _read(path, {f.name: pa.float64() if f.kind is int else _TYPES[f.kind] for f in fields})
+    except (pa.ArrowInvalid, OSError):
+        _raise_first_fault(path, fields, " ".join(str(first_error).split())[:200])
+
+
+def _to_numpy(column: pa.ChunkedArray, field: Field) -> Array:
+    values = pc.fill_null(column, np.nan) if pa.types.is_floating(column.type) else column
+    if pa.types.is_integer(column.type) and column.null_count:
+        return column.cast(pa.float64()).to_numpy()
+    return values.to_numpy().astype(np.str_) if field.kind is str else values.to_numpy()
+
+
+def _is_faulty(values: Array, field: Field) -> bool:
+    if field.kind is str:
+        return bool(np.any(values == ""))
+    if len(values) == 0:
+        return False
+    low, high = values.min(), values.max()  # NaN is contagious and fails the comparison
+    whole = field.kind is float or values.dtype.kind == "i" or bool(np.all(values == np.floor(values)))
+    return not (np.isfinite(low) and np.isfinite(high) and field.low <= low and high <= field.high and whole)
+
+
+def _check_header(path: Path, fields: Sequence[Field]) -> None:
+    header = next(_lines(path), (0, []))[1]
+    if not any(header):
+        raise InputError(f"{path}: empty file")
+    for field in fields:
+        if header.count(field.name) != 1:
+            fault = "is missing" if field.name not in header else "is there more than once"
+            raise InputError(f"{path}: column {field.name!r} {fault}")
+
+
+def _lines(path: Path) -> Iterator[tuple[int, list[str]]]:
+    """Line numbers and cells. A byte order mark is dropped; bytes that are no UTF-8 are shown escaped."""
+    try:
+        with path.open(encoding="utf-8-sig", errors="backslashreplace", newline="") as lines:
+            reader = csv.reader(lines)
+            for cells in reader:
+                yield reader.line_num, [cell.strip() for cell in cells]
+    except FileNotFoundError:
+        raise InputError(f"{path}: not found") from None
+    except (OSError, csv.Error) as error:
+        raise InputError(f"{path}: cannot be read: {error}") from error
+
+
+def _raise_first_fault(path: Path, fields: Sequence[Field], otherwise: str) -> NoReturn:
+    """Read the file again, cell by cell, and name the first fault."""
+    lines = _lines(path)
+    header = next(lines)[1]
+    places = [(header.index(field.name), field) for field in fields]
+    for row, cells in lines:
+        if not any(cells):
+            continue
+        if len(cells) != len(header):
+            raise InputError(f"{path}: row {row}: {len(cells)} cells, the header has {len(header)}")
+        for place, field in places:
+            if fault := field.fault(cells[place]):
+                raise InputError(f"{path}: row {row}, column {field.name!r}: {fault}")
+    raise InputError(f"{path}: {otherwise}")

@@ -1,0 +1,114 @@
+"""The two meta files of a HighD recording: the recording's line and one line a vehicle."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from highd_lc.io.highd_csv import Field, read_columns
+from highd_lc.vocab import names
+from highd_lc.vocab.errors import InputError
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+LARGEST_ID = 10_000_000
+LARGEST_FRAME = 10_000_000
+
+_RECORDING_FIELDS = (
+    Field("frameRate", float, 0.1, 1000),
+    Field("locationId", int, -1, 1e6),
+    Field("numVehicles", int, 0, LARGEST_ID),
+    Field("upperLaneMarkings", str),
+    Field("lowerLaneMarkings", str),
+)
+_VEHICLE_FIELDS = (
+    Field("id", int, 1, LARGEST_ID),
+    Field("width", float, 0.1, 100),
+    Field("height", float, 0.1, 20),
+    Field("initialFrame", int, 0, LARGEST_FRAME),
+    Field("finalFrame", int, 0, LARGEST_FRAME),
+    Field("numFrames", int, 0, LARGEST_FRAME),
+    Field("class", str),
+    Field("drivingDirection", int, 1, 2),
+    Field("traveledDistance", float, -1e6, 1e6),
+    Field("minDHW", float),
+    Field("minTHW", float),
+    Field("numLaneChanges", int, 0, LARGEST_FRAME),
+)
+
+
+@dataclass(frozen=True)
+class RecordingMeta:
+    """A recording's line. upper, lower: y of the markings in the image [m], ascending, shape (n,)."""
+
+    frame_rate: float
+    location: int
+    n_vehicles: int
+    upper: FloatArray
+    lower: FloatArray
+
+
+@dataclass(frozen=True)
+class VehicleMetas:
+    """A line a vehicle, ascending by id, each of shape (vehicles,).
+
+    length, width [m] (HighD calls them width and height); vehicle_class: Car or Truck; travelled [m];
+    min_gap [m], min_time_gap [s]: smallest of the track, -1 = never behind a leader.
+    """
+
+    id: IntArray
+    length: FloatArray
+    width: FloatArray
+    first_frame: IntArray
+    last_frame: IntArray
+    n_frames: IntArray
+    vehicle_class: NDArray[np.str_]
+    direction: IntArray
+    travelled: FloatArray
+    min_gap: FloatArray
+    min_time_gap: FloatArray
+    n_lane_changes: IntArray
+
+
+def read_recording_meta(path: Path) -> RecordingMeta:
+    """Read ``RR_recordingMeta.csv``. Raises InputError if it is not one row of sound values."""
+    columns = read_columns(path, _RECORDING_FIELDS)
+    if len(columns["frameRate"]) != 1:
+        raise InputError(f"{path}: {len(columns['frameRate'])} rows, expected 1")
+    return RecordingMeta(
+        frame_rate=float(columns["frameRate"][0]),
+        location=int(columns["locationId"][0]),
+        n_vehicles=int(columns["numVehicles"][0]),
+        upper=_markings(path, "upperLaneMarkings", str(columns["upperLaneMarkings"][0])),
+        lower=_markings(path, "lowerLaneMarkings", str(columns["lowerLaneMarkings"][0])),
+    )
+
+
+def _markings(path: Path, column: str, text: str) -> FloatArray:
+    place = f"{path}: row 2, column {column!r}"
+    try:
+        values = np.array([float(cell) for cell in text.split(";")])
+    except ValueError:
+        raise InputError(f"{place}: {text[:60]!r} is no list of numbers separated by ';'") from None
+    if len(values) < 2 or not np.all(np.isfinite(values)) or not np.all(np.diff(values) > 0):
+        raise InputError(f"{place}: {text[:60]!r} is not two or more ascending numbers")
+    return values
+
+
+def read_vehicle_metas(path: Path) -> VehicleMetas:
+    """Read ``RR_tracksMeta.csv``. Raises InputError if it names no vehicle, one twice, or a strange class."""
+    columns = read_columns(path, _VEHICLE_FIELDS)
+    if len(columns["id"]) == 0:
+        raise InputError(f"{path}: no vehicles")
+    order = np.argsort(columns["id"], kind="stable")
+    doubled = np.flatnonzero(np.diff(columns["id"][order]) == 0)
+    if len(doubled):
+        row = order[doubled[0] + 1] + 2
+        raise InputError(f"{path}: row {row}, column 'id': {columns['id'][row - 2]} is there twice")
+    strange = np.flatnonzero(~np.isin(columns["class"], names.CLASSES))
+    if len(strange):
+        found, allowed = str(columns["class"][strange[0]])[:40], " or ".join(names.CLASSES)
+        raise InputError(f"{path}: row {strange[0] + 2}, column 'class': {found!r} is not {allowed}")
+    return VehicleMetas(*(columns[field.name][order] for field in _VEHICLE_FIELDS))

@@ -1,0 +1,90 @@
+"""The tracks artefact as arrays: written and read without a data frame, for it is the one large table.
+
+Values are not looked at again here: what is written comes from ``highd``, which has refused every value out of
+range, and types and provenance are checked on reading. A value check of two million rows would cost as much as
+reading them.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+from numpy.typing import NDArray
+
+from highd_lc.io import artefacts
+from highd_lc.io.highd import Recording
+from highd_lc.vocab.errors import ArtefactError
+from highd_lc.vocab.job import Provenance
+from highd_lc.vocab.tables import TRACKS
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+_NULL_IF_ZERO = ("lane", "leader_id", "follower_id")
+
+
+@dataclass(frozen=True)
+class TrackArrays:
+    """Rows of the tracks artefact, ordered by vehicle and frame, each of shape (rows,); 0 = null.
+
+    x, y [m], vx, vy [m/s], ax, ay [m/s^2] in road coordinates (see ``vocab.tables.TRACKS``).
+    """
+
+    vehicle_id: IntArray
+    frame: IntArray
+    x: FloatArray
+    y: FloatArray
+    vx: FloatArray
+    vy: FloatArray
+    ax: FloatArray
+    ay: FloatArray
+    lane: IntArray
+    leader_id: IntArray
+    follower_id: IntArray
+
+
+def path_of(work: Path, recording: int) -> Path:
+    """The file of a recording's tracks."""
+    return artefacts.tracks_folder(work, recording) / "part-0.parquet"
+
+
+def write(work: Path, recording: Recording, provenance: Provenance) -> int:
+    """Write a recording's tracks. Returns the number of rows."""
+    columns = {name: _to_arrow(name, values) for name, values in _columns(recording).items()}
+    return artefacts.write_columns(path_of(work, recording.number), "tracks", columns, provenance)
+
+
+def _columns(recording: Recording) -> dict[str, FloatArray | IntArray]:
+    tracks, vehicles = recording.tracks, recording.vehicles
+    own = {name: getattr(tracks, name) for name in TRACKS.column_names if hasattr(tracks, name)}
+    return {
+        **own,
+        "recording_id": np.full(len(tracks.x), recording.number),
+        "vehicle_id": vehicles.id[tracks.vehicle],
+        "t": (tracks.frame - 1) / recording.meta.frame_rate,
+        "length": vehicles.length[tracks.vehicle],
+        "width": vehicles.width[tracks.vehicle],
+    }
+
+
+def _to_arrow(name: str, values: FloatArray | IntArray) -> pa.Array:
+    return pa.array(values, mask=values == 0 if name in _NULL_IF_ZERO else None)
+
+
+def read(work: Path, recording: int) -> TrackArrays:
+    """Read a recording's tracks. Raises ArtefactError if they are missing, damaged or of another schema."""
+    path = path_of(work, recording)
+    names = list(TrackArrays.__dataclass_fields__)
+    try:
+        artefacts.provenance_of(path)
+        table = pq.read_table(path, columns=names, partitioning=None, use_threads=False)
+    except FileNotFoundError as error:
+        raise ArtefactError(f"{path}: not found; run the stage ingest") from error
+    except (pa.ArrowInvalid, OSError) as error:
+        raise ArtefactError(f"{path}: cannot be read: {error}") from error
+    return TrackArrays(*(_to_numpy(table[name]) for name in names))
+
+
+def _to_numpy(column: pa.ChunkedArray) -> FloatArray | IntArray:
+    return (column.fill_null(0) if column.null_count else column).to_numpy()

@@ -1,0 +1,232 @@
+"""Extract: a recording's tracks to its lane changes, the funnel of all lane-id changes, and event tracks."""
+
+from collections import Counter
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+import pyarrow as pa
+from numpy.typing import NDArray
+
+from highd_lc.algorithms.event_rows import RoleRows, role_rows
+from highd_lc.algorithms.extraction import Crossing, find_crossings
+from highd_lc.algorithms.lane_change import ABSENT, Rule
+from highd_lc.algorithms.neighbours import NOBODY
+from highd_lc.algorithms.track_index import TrackIndex, Traffic
+from highd_lc.io import artefacts, tracks_file
+from highd_lc.io.tracks_file import TrackArrays
+from highd_lc.vocab import names
+from highd_lc.vocab.job import Job, JobReport
+from highd_lc.vocab.settings import ExtractSettings
+from highd_lc.vocab.tables import TABLES
+
+IntArray = NDArray[np.int64]
+FloatArray = NDArray[np.float64]
+
+STAGE = "extract"
+
+
+@dataclass(frozen=True)
+class _Recording:
+    """A recording's arrays; ids and classes of each vehicle."""
+
+    number: int
+    tracks: TrackArrays
+    traffic: Traffic
+    ids: IntArray
+    classes: NDArray[np.object_]
+
+
+def run(job: Job) -> JobReport:
+    """Read the recording's tracks and write the parts ``crossings``, ``events`` and ``event_tracks``."""
+    recording, settings = _load(job), job.settings.extract
+    crossings = find_crossings(
+        recording.traffic,
+        _rule(settings),
+        max_link_m=settings.max_link_m,
+        max_followers=settings.max_followers,
+    )
+    events = [crossing for crossing in crossings if not crossing.reason]
+    artefacts.write_part(job, STAGE, "crossings", _table("crossings", _crossing_rows(recording, crossings)))
+    artefacts.write_part(job, STAGE, "events", _table("events", _event_rows(recording, events)))
+    rows = _write_event_tracks(job, recording, events)
+    reasons = Counter(crossing.reason for crossing in crossings if crossing.reason)
+    return JobReport({"crossings": len(crossings), "events": len(events), "event_rows": rows, **reasons})
+
+
+def _load(job: Job) -> _Recording:
+    tracks = tracks_file.read(job.work, job.recording)
+    vehicles = artefacts.read_part(job.work, "ingest", "vehicles", job.recording)
+    carriageways = artefacts.read_part(job.work, "ingest", "recordings", job.recording)
+    ids, trim = vehicles["vehicle_id"].to_numpy(), job.settings.ingest.trim_ends_m
+    traffic = Traffic(
+        index=TrackIndex.of(_index_of(tracks.vehicle_id, ids), tracks.frame),
+        x=tracks.x,
+        y=tracks.y,
+        lane=tracks.lane,
+        leader=_index_of(tracks.leader_id, ids),
+        direction=vehicles["driving_direction"].to_numpy(),
+        length=vehicles["length"].to_numpy(),
+        entry=_by_direction(carriageways, "entry_m") + trim,
+        stop=_by_direction(carriageways, "exit_m") - trim,
+        rate=float(carriageways["frame_rate"].iloc[0]),
+    )
+    return _Recording(job.recording, tracks, traffic, ids, vehicles["class"].to_numpy())
+
+
+def _by_direction(carriageways: pd.DataFrame, column: str) -> FloatArray:
+    values = np.full(3, np.nan)
+    values[carriageways["driving_direction"]] = carriageways[column]
+    return values
+
+
+def _index_of(wanted: IntArray, ids: IntArray) -> IntArray:
+    """Place of each id in ``ids`` (ascending), -1 if it is not there; looked up once a run of equal ids."""
+    starts = np.flatnonzero(np.diff(wanted, prepend=-1))
+    place = np.searchsorted(ids, wanted[starts]).clip(max=len(ids) - 1)
+    place = np.where(ids[place] == wanted[starts], place, NOBODY)
+    return np.repeat(place, np.diff(starts, append=len(wanted)))
+
+
+def _rule(settings: ExtractSettings) -> Rule:
+    return Rule(
+        smoothing_s=settings.smoothing_s,
+        speed=settings.lateral_speed_mps,
+        acceleration=settings.lateral_acceleration_mps2,
+        persistence_s=settings.persistence_s,
+        clearance_m=settings.clearance_m,
+        flicker_s=settings.flicker_s,
+        min_shift_m=settings.min_shift_m,
+    )
+
+
+def _table(name: str, rows: list[dict[str, object]]) -> pd.DataFrame:
+    return pd.DataFrame(rows, columns=list(TABLES[name].column_names), dtype=object)
+
+
+def _event_id(recording: _Recording, crossing: Crossing) -> str:
+    return f"{recording.number:02d}-{recording.ids[crossing.ego]:04d}-{crossing.crossing_frame:05d}"
+
+
+def _crossing_rows(recording: _Recording, crossings: list[Crossing]) -> list[dict[str, object]]:
+    return [
+        {
+            **_identity(recording, crossing),
+            "origin_lane": crossing.change.origin or None,
+            "target_lane": crossing.change.target or None,
+            "start_frame": None if crossing.start_frame == ABSENT else crossing.start_frame,
+            "end_frame": None if crossing.end_frame == ABSENT else crossing.end_frame,
+            "usable": not crossing.reason,
+            "reason": crossing.reason,
+        }
+        for crossing in crossings
+    ]
+
+
+def _identity(recording: _Recording, crossing: Crossing) -> dict[str, object]:
+    return {
+        "event_id": _event_id(recording, crossing),
+        "recording_id": recording.number,
+        "ego_id": int(recording.ids[crossing.ego]),
+        "ego_class": recording.classes[crossing.ego],
+        "direction": _direction(crossing),
+        "crossing_frame": crossing.crossing_frame,
+    }
+
+
+def _direction(crossing: Crossing) -> str:
+    if not (crossing.change.origin and crossing.change.target):
+        return ""
+    return names.LEFT if crossing.change.target > crossing.change.origin else names.RIGHT
+
+
+def _event_rows(recording: _Recording, events: list[Crossing]) -> list[dict[str, object]]:
+    return [
+        {**_identity(recording, event), **_motion(recording, event), **_roles(recording, event)}
+        for event in events
+    ]
+
+
+def _motion(recording: _Recording, event: Crossing) -> dict[str, object]:
+    traffic, change = recording.traffic, event.change
+    first = traffic.index.span(event.ego).start
+    shift = traffic.y[first + change.end] - traffic.y[first + change.start]
+    return {
+        "origin_lane": change.origin,
+        "target_lane": change.target,
+        "start_frame": event.start_frame,
+        "end_frame": event.end_frame,
+        "frame_rate": traffic.rate,
+        "duration_s": (event.end_frame - event.start_frame) / traffic.rate,
+        "lateral_shift_m": _snapped(shift),
+        "peak_lateral_speed_mps": change.peak_speed,
+    }
+
+
+def _roles(recording: _Recording, event: Crossing) -> dict[str, object]:
+    roles = event.roles
+    return {
+        "origin_leader_id": _id(recording, roles.origin_leader),
+        "origin_follower_id": _id(recording, roles.origin_follower),
+        "target_leader_id": _id(recording, roles.target_leader),
+        "follower_ids": [int(recording.ids[follower]) for follower in roles.followers],
+        "roles_confirmed": roles.confirmed,
+    }
+
+
+def _id(recording: _Recording, vehicle: int) -> int | None:
+    return None if vehicle == NOBODY else int(recording.ids[vehicle])
+
+
+def _snapped(values):
+    """To the grid of 1e-4 m, so that a mirrored recording gives the same numbers; never -0."""
+    return np.round(values, 4) + 0.0
+
+
+def _write_event_tracks(job: Job, recording: _Recording, events: list[Crossing]) -> int:
+    """Write the part ``event_tracks``, ordered by event, role and time."""
+    horizon = job.settings.extract.horizon_s
+    pieces = sorted(
+        (
+            (event, part)
+            for event in events
+            for part in role_rows(recording.traffic, event, event.roles, horizon_s=horizon)
+        ),
+        key=lambda piece: (_event_id(recording, piece[0]), piece[1].role),
+    )
+    columns = _event_track_columns(recording, pieces)
+    path = artefacts.part_folder(job.work, STAGE, job.recording) / "event_tracks.parquet"
+    return artefacts.write_columns(path, "event_tracks", columns, job.provenance)
+
+
+def _event_track_columns(recording: _Recording, pieces: list[tuple[Crossing, RoleRows]]) -> dict[str, pa.Array]:
+    traffic, tracks = recording.traffic, recording.tracks
+    sizes = np.array([part.rows.stop - part.rows.start for _, part in pieces], dtype=np.int64)
+    rows = _concatenated([np.arange(part.rows.start, part.rows.stop) for _, part in pieces])
+    of_piece = np.repeat(np.arange(len(pieces)), sizes)
+    starts = np.array([event.start_frame for event, _ in pieces], dtype=np.int64)
+    origins = np.array([traffic.index.row(event.ego, event.start_frame) for event, _ in pieces], dtype=np.int64)
+    windows = np.array(
+        [(part.calibration.start, part.calibration.stop) for _, part in pieces], dtype=np.int64
+    ).reshape(-1, 2)
+    origin = origins[of_piece]
+    motion = {name: pa.array(getattr(tracks, name)[rows]) for name in ("vx", "vy", "ax", "ay")}
+    return {
+        **motion,
+        "event_id": _repeated([_event_id(recording, event) for event, _ in pieces], of_piece),
+        "role": _repeated([part.role for _, part in pieces], of_piece),
+        "recording_id": pa.array(np.full(len(rows), recording.number)),
+        "vehicle_id": pa.array(tracks.vehicle_id[rows]),
+        "t": pa.array((tracks.frame[rows] - starts[of_piece]) / traffic.rate),
+        "x": pa.array(_snapped(tracks.x[rows] - tracks.x[origin])),
+        "y": pa.array(_snapped(tracks.y[rows] - tracks.y[origin])),
+        "calibration": pa.array((rows >= windows[of_piece, 0]) & (rows < windows[of_piece, 1])),
+    }
+
+
+def _concatenated(arrays: list[IntArray]) -> IntArray:
+    return np.concatenate(arrays) if arrays else np.empty(0, dtype=np.int64)
+
+
+def _repeated(words: list[str], of_piece: IntArray) -> pa.Array:
+    return pa.array(words, type=pa.string()).take(pa.array(of_piece))
