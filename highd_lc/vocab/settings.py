@@ -53,11 +53,11 @@ class ExtractSettings(Section):
             le=1,
             description="lateral speed towards the target below which the vehicle keeps its lane [m/s]",
         ),
-    ] = 0.2
+    ] = 0.22
     lateral_acceleration_mps2: Annotated[
         float,
         Field(gt=0, le=5, description="lateral acceleration below which it counts as near zero [m/s^2]"),
-    ] = 0.6
+    ] = 0.8
     persistence_s: Annotated[
         float, Field(ge=0, le=3, description="how long the lateral speed has to stay near zero [s]")
     ] = 0.4
