@@ -10,31 +10,31 @@ path is a quintic polynomial from the present lateral state to the place in the 
 import numpy as np
 from numba import njit
 
-from highd_lc.algorithms.traffic_drivers import MAX_CHANGES
 from highd_lc.algorithms.traffic_lanes import (
     begin_change,
     break_off,
+    end_path,
     follow_path,
     lcm_behind,
-    log_path,
     wanted_lane,
 )
 from highd_lc.algorithms.traffic_state import (
     KEPT,
-    PATH_WIDTH,
+    MAX_CHANGES,
     ROW_COLUMNS,
     Clock,
     Drivers,
     FloatArray,
     Passage,
     Road,
-    State,
-    empty_state,
+    Traffic,
+    empty_traffic,
 )
 
 _LANE_CHANGE_FROM = 150.0  # nobody changes lane in the first metres after the entry [m]
-_ROWS_A_BLOCK = 65536
 _GENTLE_BRAKING = 0.5  # at most this much braking is asked of a vehicle as it enters [m/s^2]
+_ENTRY_SPEED = 0.93  # speed on entering a free road, as a share of the desired one
+_ROWS_A_BLOCK = 65536
 
 
 def simulate(drivers: Drivers, road: Road, clock: Clock, *, react_from_start: bool) -> Passage:
@@ -43,153 +43,143 @@ def simulate(drivers: Drivers, road: Road, clock: Clock, *, react_from_start: bo
     The state is recorded before the step that starts at it: position, speed and the acceleration commanded
     there belong to one instant. Semi-implicit Euler; all vehicles act on the states of the same instant.
     """
-    state = empty_state(drivers, lanes=len(road.markings) - 1)
-    log = np.empty((len(drivers.arrival) * (MAX_CHANGES + 1), PATH_WIDTH))
+    traffic = empty_traffic(drivers)
     blocks = []
     step, last_step = -clock.warm_up_steps, clock.frames * clock.steps_per_frame
     while step < last_step:
         block = np.empty((_ROWS_A_BLOCK, len(ROW_COLUMNS)))
-        step, n = _advance(step, drivers, road, clock, state, block, log, react_from_start)
+        step, n = _advance(step, traffic, road, clock, block, react_from_start)
         blocks.append(block[:n])
-    _log_unfinished(state, log)
-    paths = log[: state.counts[1]]
-    return Passage(np.concatenate(blocks), paths[np.argsort(paths[:, 1], kind="stable")])
+    for vehicle in traffic.order[: traffic.counts[0]]:
+        if traffic.vehicles[vehicle]["moving"]:
+            me = traffic.vehicles[vehicle]
+            end_path(traffic, vehicle, me["start"] + me["seconds"])
+    paths = traffic.log[: traffic.counts[1]]
+    return Passage(np.concatenate(blocks), paths[np.argsort(paths["start"], kind="stable")])
 
 
 @njit(cache=True, nogil=True)
 def _advance(
-    step: int,
-    drivers: Drivers,
-    road: Road,
-    clock: Clock,
-    state: State,
-    rows: FloatArray,
-    log: FloatArray,
-    react_from_start: bool,
+    step: int, traffic: Traffic, road: Road, clock: Clock, rows: FloatArray, react_from_start: bool
 ) -> tuple[int, int]:
     """Simulate until the end or until the rows might not hold another frame: (next step, rows written)."""
     n_rows = 0
-    while step < clock.frames * clock.steps_per_frame and n_rows + state.counts[0] < len(rows):
+    while step < clock.frames * clock.steps_per_frame and n_rows + traffic.counts[0] < len(rows):
         time = step * clock.dt
-        _enter(time, drivers, road, state)
-        _sort_downstream_first(state)
-        _accelerate(drivers, road, state, react_from_start)
+        _enter(traffic, road, time)
+        _sort_downstream_first(traffic)
+        _accelerate(traffic, react_from_start)
         if step >= 0 and step % clock.steps_per_frame == 0:
-            n_rows = _record(step // clock.steps_per_frame, drivers, road, state, rows, n_rows)
-        _steer(time, drivers, road, state, log)
-        _move(time, clock.dt, road, state, log)
+            n_rows = _record(traffic, road, step // clock.steps_per_frame, rows, n_rows)
+        _steer(traffic, road, time)
+        _move(traffic, road, time, clock.dt)
         step += 1
     return step, n_rows
 
 
-def _log_unfinished(state: State, log: FloatArray) -> None:
-    for vehicle in state.active[: state.counts[0]]:
-        if not np.isnan(state.path[vehicle, 2]):
-            log_path(vehicle, state.path[vehicle, 2], state, log)
-
-
 @njit(cache=True, nogil=True)
-def _enter(time: float, drivers: Drivers, road: Road, state: State) -> None:
+def _enter(traffic: Traffic, road: Road, time: float) -> None:
     """Let the next vehicle of each lane in as soon as it has arrived and the lane has room for it."""
-    for lane in range(len(road.markings) - 1):
-        new = state.waiting[lane]
-        if new >= drivers.lane_first[lane + 1] or drivers.arrival[new] > time:
+    vehicles, order = traffic.vehicles, traffic.order
+    for lane in range(len(traffic.waiting)):
+        new = traffic.waiting[lane]
+        if new >= traffic.lane_first[lane + 1] or vehicles[new].arrival > time:
             continue
         last = -1
-        for k in range(state.counts[0]):
-            if state.lane[state.active[k]] == lane or state.beside[state.active[k]] == lane:
-                last = state.active[k]
-        state.x[new] = -road.upstream
-        state.v[new] = 0.93 * drivers.lcm[new, 0]
-        if last >= 0 and lcm_behind(new, last, drivers.lcm, drivers.length, state.x, state.v) < -_GENTLE_BRAKING:
-            state.v[new] = min(state.v[new], state.v[last])
-            if lcm_behind(new, last, drivers.lcm, drivers.length, state.x, state.v) < -_GENTLE_BRAKING:
+        for k in range(traffic.counts[0]):
+            if vehicles[order[k]].lane == lane or vehicles[order[k]].beside == lane:
+                last = order[k]
+        me = vehicles[new]
+        me.x, me.v = -road.upstream, _ENTRY_SPEED * me.v_desire
+        if last >= 0 and lcm_behind(vehicles, new, last) < -_GENTLE_BRAKING:
+            me.v = min(me.v, vehicles[last].v)
+            if lcm_behind(vehicles, new, last) < -_GENTLE_BRAKING:
                 continue
-        state.lane[new] = lane
-        state.y[new] = 0.5 * (road.markings[lane] + road.markings[lane + 1]) + drivers.offset[new, 0]
-        state.active[state.counts[0]] = new
-        state.counts[0] += 1
-        state.waiting[lane] += 1
+        me.lane, me.beside = lane, -1
+        me.y = 0.5 * (road.markings[lane] + road.markings[lane + 1]) + me.offset[0]
+        order[traffic.counts[0]] = new
+        traffic.counts[0] += 1
+        traffic.waiting[lane] += 1
 
 
 @njit(cache=True, nogil=True)
-def _sort_downstream_first(state: State) -> None:
+def _sort_downstream_first(traffic: Traffic) -> None:
     """Insertion sort: the order hardly changes from step to step."""
-    for k in range(1, state.counts[0]):
-        vehicle = state.active[k]
+    vehicles, order = traffic.vehicles, traffic.order
+    for k in range(1, traffic.counts[0]):
+        vehicle = order[k]
         j = k
-        while j > 0 and state.x[state.active[j - 1]] < state.x[vehicle]:
-            state.active[j] = state.active[j - 1]
+        while j > 0 and vehicles[order[j - 1]].x < vehicles[vehicle].x:
+            order[j] = order[j - 1]
             j -= 1
-        state.active[j] = vehicle
+        order[j] = vehicle
 
 
 @njit(cache=True, nogil=True)
-def _accelerate(drivers: Drivers, road: Road, state: State, react_from_start: bool) -> None:
+def _accelerate(traffic: Traffic, react_from_start: bool) -> None:
     """LCM behind the last vehicle met on each lane, from downstream on; the harder braking of two lanes."""
-    last = state.last
+    vehicles, last = traffic.vehicles, traffic.last
     for lane in range(len(last)):
         last[lane] = -1
-    for k in range(state.counts[0]):
-        vehicle = state.active[k]
-        lane, beside = state.lane[vehicle], state.beside[vehicle]
-        a = lcm_behind(vehicle, last[lane], drivers.lcm, drivers.length, state.x, state.v)
-        if beside >= 0:
-            a = min(a, lcm_behind(vehicle, last[beside], drivers.lcm, drivers.length, state.x, state.v))
+    for k in range(traffic.counts[0]):
+        vehicle = traffic.order[k]
+        me = vehicles[vehicle]
+        me.a = lcm_behind(vehicles, vehicle, last[me.lane])
+        if me.beside >= 0:
+            me.a = min(me.a, lcm_behind(vehicles, vehicle, last[me.beside]))
             if react_from_start:
-                last[beside] = vehicle
-        state.a[vehicle] = a
-        last[lane] = vehicle
+                last[me.beside] = vehicle
+        last[me.lane] = vehicle
 
 
 @njit(cache=True, nogil=True)
-def _record(frame: int, drivers: Drivers, road: Road, state: State, rows: FloatArray, n_rows: int) -> int:
+def _record(traffic: Traffic, road: Road, frame: int, rows: FloatArray, n_rows: int) -> int:
     """Write the vehicles whose centre is in view; returns the number of rows written so far."""
-    for k in range(state.counts[0]):
-        vehicle = state.active[k]
-        centre = state.x[vehicle] - 0.5 * drivers.length[vehicle]
+    for k in range(traffic.counts[0]):
+        me = traffic.vehicles[traffic.order[k]]
+        centre = me.x - 0.5 * me.length
         if 0.0 <= centre <= road.section:
-            row = rows[n_rows]
-            row[0], row[1], row[2] = vehicle, frame, centre
-            row[3], row[4] = state.v[vehicle], state.a[vehicle]
-            row[5], row[6], row[7] = state.y[vehicle], state.vy[vehicle], state.ay[vehicle]
+            rows[n_rows, 0], rows[n_rows, 1], rows[n_rows, 2] = traffic.order[k], frame, centre
+            rows[n_rows, 3], rows[n_rows, 4] = me.v, me.a
+            rows[n_rows, 5], rows[n_rows, 6], rows[n_rows, 7] = me.y, me.vy, me.ay
             n_rows += 1
     return n_rows
 
 
 @njit(cache=True, nogil=True)
-def _steer(time: float, drivers: Drivers, road: Road, state: State, log: FloatArray) -> None:
-    """Begin changes that are due and pay, break off those that are meant to be."""
-    for k in range(state.counts[0]):
-        vehicle = state.active[k]
-        if state.path[vehicle, 2] == state.path[vehicle, 2]:
-            meant = drivers.breaks_off[vehicle, state.changes[vehicle] - 1]
-            if meant and state.beside[vehicle] < 0 and state.path[vehicle, 6] == KEPT:
-                break_off(vehicle, time, drivers, road, state, log)
-        elif time >= state.look[vehicle]:
-            state.look[vehicle] += drivers.look_every[vehicle]
-            if state.changes[vehicle] < MAX_CHANGES and state.x[vehicle] > _LANE_CHANGE_FROM - road.upstream:
-                lane = wanted_lane(vehicle, drivers, road, state)
+def _steer(traffic: Traffic, road: Road, time: float) -> None:
+    """Begin changes that are due and pay, break off those that are meant to be, end those that are done."""
+    for k in range(traffic.counts[0]):
+        vehicle = traffic.order[k]
+        me = traffic.vehicles[vehicle]
+        if me.moving:
+            if time >= me.start + me.seconds:
+                end_path(traffic, vehicle, me.start + me.seconds)
+                me.look = time + me.pause[me.changes - 1]
+            elif me.kind == KEPT and me.beside < 0 and me.breaks_off[me.changes - 1]:
+                break_off(traffic, road, vehicle, time)
+        elif time >= me.look:
+            me.look += me.look_every
+            if me.changes < MAX_CHANGES and me.x > _LANE_CHANGE_FROM - road.upstream:
+                lane = wanted_lane(traffic, road, vehicle)
                 if lane >= 0:
-                    begin_change(vehicle, lane, time, drivers, road, state)
-        if state.path[vehicle, 2] <= time:
-            log_path(vehicle, state.path[vehicle, 2], state, log)
-            state.look[vehicle] = time + drivers.pause[vehicle, state.changes[vehicle] - 1]
+                    begin_change(me, road, lane, time)
 
 
 @njit(cache=True, nogil=True)
-def _move(time: float, dt: float, road: Road, state: State, log: FloatArray) -> None:
+def _move(traffic: Traffic, road: Road, time: float, dt: float) -> None:
     """One step; vehicles past the end of the road leave."""
     kept = 0
-    for k in range(state.counts[0]):
-        vehicle = state.active[k]
-        state.v[vehicle] = max(state.v[vehicle] + state.a[vehicle] * dt, 0.0)
-        state.x[vehicle] += state.v[vehicle] * dt
-        if state.path[vehicle, 2] == state.path[vehicle, 2]:
-            follow_path(vehicle, time + dt, road, state)
-        if state.x[vehicle] <= road.section + road.downstream:
-            state.active[kept] = vehicle
+    for k in range(traffic.counts[0]):
+        vehicle = traffic.order[k]
+        me = traffic.vehicles[vehicle]
+        me.v = max(me.v + me.a * dt, 0.0)
+        me.x += me.v * dt
+        if me.moving:
+            follow_path(me, road, time + dt)
+        if me.x <= road.section + road.downstream:
+            traffic.order[kept] = vehicle
             kept += 1
-        elif state.path[vehicle, 2] == state.path[vehicle, 2]:
-            log_path(vehicle, state.path[vehicle, 2], state, log)
-    state.counts[0] = kept
+        elif me.moving:
+            end_path(traffic, vehicle, me.start + me.seconds)
+    traffic.counts[0] = kept

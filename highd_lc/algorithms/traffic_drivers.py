@@ -9,9 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import ndtri
 
-from highd_lc.algorithms.traffic_state import BoolArray, Drivers, FloatArray, IntArray
+from highd_lc.algorithms.traffic_state import MAX_CHANGES, VEHICLE, BoolArray, Drivers, FloatArray, Records
 
-MAX_CHANGES = 6
 SINES = 4
 _COLUMNS = 15 + 3 * MAX_CHANGES + (MAX_CHANGES + 1) + 6 * SINES
 
@@ -62,14 +61,16 @@ class _Uniforms:
 def draw_drivers(generators: Sequence[np.random.Generator], inflow: Inflow) -> Drivers:
     """The drivers of a carriageway, one generator a lane from the right."""
     lanes = [_draw_lane(rng, inflow, lane, lanes=len(generators)) for lane, rng in enumerate(generators)]
-    first = np.concatenate([[0], np.cumsum([len(lane["arrival"]) for lane in lanes])]).astype(np.int64)
-    columns = {name: np.ascontiguousarray(np.concatenate([lane[name] for lane in lanes])) for name in lanes[0]}
-    return Drivers(lane_first=first, **columns)
+    drawn = {name: np.concatenate([lane[name] for lane in lanes]) for name in lanes[0]}
+    vehicles = np.zeros(len(drawn["arrival"]), VEHICLE)
+    for name in set(drawn) & set(VEHICLE.names or ()):
+        vehicles[name] = drawn[name]
+    first = np.cumsum([0] + [len(lane["arrival"]) for lane in lanes])
+    return Drivers(vehicles, first.astype(np.int64), drawn["sway"], drawn["error"])
 
 
-def _draw_lane(
-    rng: np.random.Generator, inflow: Inflow, lane: int, *, lanes: int
-) -> dict[str, FloatArray | IntArray]:
+def _draw_lane(rng: np.random.Generator, inflow: Inflow, lane: int, *, lanes: int) -> dict[str, Records]:
+    """What is drawn for the vehicles of a lane, by the names of ``VEHICLE`` and ``Drivers``."""
     flow = inflow.flow * _flow_weight(lane, lanes)
     seconds = inflow.end - inflow.start
     draws = _Uniforms(rng, int(1.3 * flow * seconds / 3600) + 20)
@@ -81,10 +82,10 @@ def _draw_lane(
         "arrival": arrival,
         "truck": truck,
         "look_every": look_every,
-        "look_first": arrival + look_every * draws.take(),
+        "look": arrival + look_every * draws.take(),
         "highest_lane": np.where(truck, 1, lanes - 1),
         **_sizes(draws, truck),
-        "lcm": _lcm(draws, truck, shift=_LANE_SHIFT * (2 * lane / (lanes - 1) - 1)),
+        **_lcm(draws, truck, shift=_LANE_SHIFT * (2 * lane / (lanes - 1) - 1)),
         **_manners(draws, truck, inflow.return_share),
         "sway": _sines(draws, 0.3, 1.2),
         "error": np.stack([_sines(draws, 1.0, 4.0), _sines(draws, 1.0, 4.0)], axis=1),
@@ -108,17 +109,16 @@ def _sizes(draws: _Uniforms, truck: BoolArray) -> dict[str, FloatArray]:
     return {"length": length.round(2), "width": width.round(2)}
 
 
-def _lcm(draws: _Uniforms, truck: BoolArray, *, shift: float) -> FloatArray:
-    """Individual parameters, shape (N, 6); shift is added to the cars' desired speed [m/s]."""
+def _lcm(draws: _Uniforms, truck: BoolArray, *, shift: float) -> dict[str, FloatArray]:
+    """Individual parameters of the LCM; shift is added to the cars' desired speed [m/s]."""
     z = draws.normal()
     fast, slow = _CAR_V_DESIRE, _TRUCK_V_DESIRE
-    v_desire = np.where(truck, slow[0] + slow[1] * z, fast[0] + shift + fast[1] * z)
-    drawn = {}
+    drawn = {"v_desire": np.where(truck, slow[0] + slow[1] * z, fast[0] + shift + fast[1] * z)}
     for name, car in _CAR_LCM.items():
         z, heavy = draws.normal(), _TRUCK_LCM[name]
         drawn[name] = np.where(truck, heavy[0] * np.exp(heavy[1] * z), car[0] * np.exp(car[1] * z))
-    B = drawn["b"] - _B_BELOW_b[0] + _B_BELOW_b[1] * draws.normal()
-    return np.column_stack([v_desire, drawn["A"], drawn["b"], B, drawn["tau"], drawn["L"]])
+    drawn["B"] = drawn["b"] - _B_BELOW_b[0] + _B_BELOW_b[1] * draws.normal()
+    return drawn
 
 
 def _manners(draws: _Uniforms, truck: BoolArray, return_share: float) -> dict[str, FloatArray]:

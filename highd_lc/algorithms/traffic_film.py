@@ -10,7 +10,7 @@ import numpy as np
 
 from highd_lc.algorithms.traffic import simulate
 from highd_lc.algorithms.traffic_drivers import Inflow, draw_drivers
-from highd_lc.algorithms.traffic_state import Clock, Drivers, FloatArray, IntArray, Road
+from highd_lc.algorithms.traffic_state import Clock, Drivers, FloatArray, IntArray, Records, Road
 from highd_lc.algorithms.traffic_view import add_sines
 from highd_lc.vocab.recorder import RecorderSettings
 
@@ -26,7 +26,7 @@ class Film:
     """What happened on a carriageway in view and what the camera saw of it; rows frame by frame.
 
     driver, frame (from 0): (n,); true, seen: x, v, a, y, vy, ay of the box centres (x from the section's entry,
-    y left from the right edge) [m, s], (n, 6); paths: lateral paths as in ``Passage.paths``.
+    y left from the right edge) [m, s], (n, 6); paths: records ``PATH``.
     """
 
     drivers: Drivers
@@ -36,7 +36,7 @@ class Film:
     frame: IntArray
     true: FloatArray
     seen: FloatArray
-    paths: FloatArray
+    paths: Records
 
     def first_rows(self) -> IntArray:
         """First row of each frame, shape (frames + 1,)."""

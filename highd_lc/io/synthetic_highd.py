@@ -56,7 +56,7 @@ def encode(films: dict[int, Film], site: Site) -> Tracks:
     for d, film in films.items():
         seen = ids[d] > 0
         direction[ids[d][seen] - 1] = d
-        truck[ids[d][seen] - 1] = film.drivers.truck[seen]
+        truck[ids[d][seen] - 1] = film.drivers.vehicles["truck"][seen]
     first = np.searchsorted(table[:, 1], np.arange(1, n + 2)).astype(np.int64)
     return Tracks(table, first, direction, truck, ids)
 
@@ -67,7 +67,7 @@ def _number_vehicles(films: dict[int, Film]) -> dict[int, IntArray]:
     for d, film in films.items():
         drivers, rows = np.unique(film.driver, return_index=True)
         first_seen += [(film.frame[row], d, row, driver) for driver, row in zip(drivers, rows, strict=True)]
-    ids = {d: np.zeros(len(film.drivers.length), np.int64) for d, film in films.items()}
+    ids = {d: np.zeros(len(film.drivers.vehicles), np.int64) for d, film in films.items()}
     for number, (_, d, _, driver) in enumerate(sorted(first_seen), start=1):
         ids[d][driver] = number
     return ids
@@ -82,7 +82,7 @@ def _encode_direction(film: Film, ids: IntArray, direction: int, site: Site) -> 
     table = np.zeros((len(film.driver), len(TRACK_COLUMNS)), np.int32)
     sign = 1 if direction == 2 else -1
     x, v, a, y, vy, ay = film.seen.T
-    length, width = film.drivers.length[film.driver], film.drivers.width[film.driver]
+    length, width = (film.drivers.vehicles[name][film.driver] for name in ("length", "width"))
     table[:, 0], table[:, 1] = film.frame + 1, ids[film.driver]
     centre_x = x if direction == 2 else film.road.section - x
     centre_y = site.lower[-1] - y if direction == 2 else site.upper[0] + y

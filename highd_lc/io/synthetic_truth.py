@@ -12,7 +12,7 @@ import pandas as pd
 
 from highd_lc.algorithms.traffic_film import Film
 from highd_lc.algorithms.traffic_lanes import REFERENCE_LENGTH
-from highd_lc.algorithms.traffic_state import BROKEN_OFF, COEFFICIENTS, RETURN, FloatArray, IntArray
+from highd_lc.algorithms.traffic_state import BROKEN_OFF, RETURN, FloatArray, IntArray, Record, Records
 from highd_lc.vocab import names
 from highd_lc.vocab.lcm_parameters import PARAMETERS
 
@@ -61,34 +61,35 @@ def drivers_table(film: Film, ids: IntArray) -> pd.DataFrame:
     """The LCM parameters of the vehicles in view; L applies behind a leader of ``reference_length_m``, and moves
     with the leader's length."""
     seen = np.flatnonzero(ids)
-    table = pd.DataFrame(film.drivers.lcm[seen], columns=list(PARAMETERS))
+    vehicles = film.drivers.vehicles[seen]
+    table = pd.DataFrame({name: vehicles[name] for name in PARAMETERS})
     table.insert(0, "vehicle_id", ids[seen])
-    table.insert(1, "class", np.where(film.drivers.truck[seen], names.TRUCK, names.CAR))
+    table.insert(1, "class", np.where(vehicles["truck"], names.TRUCK, names.CAR))
     table["reference_length_m"] = REFERENCE_LENGTH
     return table
 
 
-def _changes(paths: FloatArray) -> Iterator[_Change]:
+def _changes(paths: Records) -> Iterator[_Change]:
     """The changes in the order of their start; a path broken off and the way back are two changes."""
     for number, path in enumerate(paths):
-        kind = int(path[6])
+        kind = int(path["kind"])
         pieces = [path]
         if kind == BROKEN_OFF:
-            pieces.append(next(later for later in paths[number + 1 :] if later[0] == path[0]))
+            pieces.append(next(later for later in paths[number + 1 :] if later["vehicle"] == path["vehicle"]))
         yield _change(pieces, kind)
 
 
-def _change(pieces: list[FloatArray], kind: int) -> _Change:
+def _change(pieces: list[Record], kind: int) -> _Change:
     """The change along one path or, broken off, two; it lasts while the lateral speed is towards the target."""
     path = pieces[0]
-    origin, target = int(path[4]), int(path[5])
-    time = np.concatenate([np.arange(piece[1], piece[2], _FINE) for piece in pieces])
+    origin, target = int(path["origin"]), int(path["target"])
+    time = np.concatenate([np.arange(piece["start"], piece["until"], _FINE) for piece in pieces])
     speed = np.concatenate([_lateral_speed(piece) for piece in pieces]) * np.sign(target - origin)
     # The way back begins with the rest of the way out, and the way out ends where the way back begins.
     forth = np.flatnonzero(speed >= 0)
     moving = time[speed > MOVING]
     return _Change(
-        int(path[0]),
+        int(path["vehicle"]),
         _KINDS.get(kind, "change"),
         origin,
         target,
@@ -99,9 +100,9 @@ def _change(pieces: list[FloatArray], kind: int) -> _Change:
     )
 
 
-def _lateral_speed(path: FloatArray) -> FloatArray:
-    t = np.arange(path[1], path[2], _FINE) - path[1]
-    speed: FloatArray = np.polynomial.Polynomial(path[COEFFICIENTS]).deriv()(t)
+def _lateral_speed(path: Record) -> FloatArray:
+    t = np.arange(path["start"], path["until"], _FINE) - path["start"]
+    speed: FloatArray = np.polynomial.Polynomial(path["c"]).deriv()(t)
     return speed
 
 
@@ -141,7 +142,7 @@ def _neighbours(change: _Change, film: Film, lanes: IntArray, *, frame: int, ids
     """Leaders and followers of the ego on both lanes in a frame; none if it is not in view then."""
     begin, end = np.searchsorted(film.frame, [frame, frame + 1])
     driver, lane = film.driver[begin:end], lanes[begin:end]
-    front = film.true[begin:end, 0] + film.drivers.length[driver] / 2
+    front = film.true[begin:end, 0] + film.drivers.vehicles["length"][driver] / 2
     ego = np.flatnonzero(driver == change.driver)
     own = front[ego[0]] if len(ego) else np.nan
     found = {}
