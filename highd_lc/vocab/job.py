@@ -58,3 +58,17 @@ class JobReport:
 
     counts: dict[str, int] = field(default_factory=dict)
     problems: tuple[Problem, ...] = ()
+
+
+@dataclass(frozen=True)
+class ReportRequest:
+    """What of a report is wanted.
+
+    reports: folder to write to. events: ids of the events that get a page; None = all, and the overview pages.
+    pictures: ids of the events that get a PNG; None = all. vector: further formats of the pictures, "pdf", "svg".
+    """
+
+    reports: Path
+    events: frozenset[str] | None = None
+    pictures: frozenset[str] | None = None
+    vector: tuple[str, ...] = ()

@@ -399,6 +399,21 @@ SUMMARY_LOSSES = Table(
     ),
 )
 
+EVENT_PAGES = Table(
+    "event_pages",
+    "event with a page",
+    ("recording_id", "event_id"),
+    (
+        _EVENT,
+        _RECORDING,
+        Column("png", "bool", "whether a PNG lies beside the page"),
+        Column(
+            "hv1_speed_benchmark", "list<float64>", "simulated speed of HV 1, once a second [m/s]; empty = no plan"
+        ),
+        Column("hv1_speed_local", "list<float64>", "the same under the local optimum [m/s]"),
+    ),
+)
+
 TABLES: Final = {
     table.name: table
     for table in (
@@ -415,5 +430,6 @@ TABLES: Final = {
         TRACKING,
         SUMMARY_LCM,
         SUMMARY_LOSSES,
+        EVENT_PAGES,
     )
 }
