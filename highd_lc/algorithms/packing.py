@@ -25,11 +25,12 @@ PAPER_SEMI_AXES = (2.5, 1.0)
 class PackedScene(NamedTuple):
     """Arrays of one scene. N + 1 samples, m leaders, p followers; lengths in m, speeds in m/s.
 
-    v0, D, length, rear_to_centre, a, b: of the AV (a, b: semi-axes). target_front, target_v: front and speed of
-    the target leader, infinite and 0 without one. leader_x, leader_y (m, N + 1), leader_a, leader_b (m,).
-    follower_* (p,), parameters (p, 6), first_L: L of the first follower while it is behind the target leader.
-    origin_follower: x, y, v, length, a, b, or empty. av_parameters (6,). weights (p,). from_crossing: whether
-    the first follower follows the AV only from the crossing. after_lcm: the AV's drive after T.
+    v0, D, length, rear_to_centre, a, b: of the AV (a, b: semi-axes). target_front, target_v, target_length: front,
+    speed and length of the target leader, infinite, 0 and 0 without one. leader_x, leader_y (m, N + 1), leader_a,
+    leader_b (m,). follower_* (p,), parameters (p, 6), first_L: L of the first follower while it is behind the
+    target leader. origin_follower: x, y, v, length, a, b, or empty. av_parameters (6,). weights (p,).
+    from_crossing: whether the first follower follows the AV only from the crossing. after_lcm: the AV's drive
+    after T.
     """
 
     v0: float
@@ -41,6 +42,7 @@ class PackedScene(NamedTuple):
     dt: float
     target_front: FloatArray
     target_v: FloatArray
+    target_length: float
     leader_x: FloatArray
     leader_y: FloatArray
     leader_a: FloatArray
@@ -79,6 +81,7 @@ def pack(scene: Scene, settings: ValidateSettings) -> PackedScene:
         dt=scene.dt,
         target_front=front,
         target_v=speed,
+        target_length=scene.target_leader.length if scene.target_leader is not None else 0.0,
         leader_x=_stack([m.x for m in leaders], samples),
         leader_y=_stack([m.y for m in leaders], samples),
         leader_a=np.array([_axes(m.length, m.width, paper)[0] for m in leaders]),

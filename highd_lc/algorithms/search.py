@@ -28,6 +28,8 @@ _NOMINAL_NODES: Final = 33
 _ZOOM_FIXED: Final = 16
 _ZOOM_FREE: Final = 8
 _OVERLAP: Final = 1.3
+_TIGHT: Final = 0.6
+_DENSER: Final = 8
 
 
 @dataclass(frozen=True)
@@ -122,11 +124,13 @@ def search(task: Task, goals: list[Goal], *, known: Pool | None = None) -> Pool:
     known: the pool of the fixed form, for a search with a free end speed; without it the form is fixed.
     """
     free = known is not None
-    pool = _grid(task, free)
-    for widen in (False, True):
-        starts = _starts(task, pool, goals, free, neighbours=widen)
-        if starts is not None:
-            pool = _zoom(task, pool, goals, free, starts)
+    pool = _grid(task, free, 1)
+    if _tight(pool, goals):
+        pool = pool.joined(_grid(task, free, _DENSER))
+    starts = _starts(task, pool, goals, free)
+    while starts is not None:
+        pool, before = _zoom(task, pool, goals, free, starts), pool
+        starts = _neighbours(task, pool, before, goals, free)
     return pool if known is None else known.joined(pool)
 
 
@@ -138,21 +142,33 @@ def _possible(task: Task) -> IntArray:
     return n[(codes[:, 0] != 1) & (codes[:, 0] != 2)]
 
 
-def _grid(task: Task, free: bool) -> Pool:
+def _tight(pool: Pool, goals: list[Goal]) -> bool:
+    """Whether contacts leave so few plans that the slots between vehicles may fall between the nodes."""
+    shares = [pool.feasible(goal.accounting).mean() for goal in goals] if len(pool) else [1.0]
+    return bool(min(shares) < _TIGHT)
+
+
+def _grid(task: Task, free: bool, denser: int) -> Pool:
     n = _possible(task)
     if free and len(n):
         n = n[np.unique(np.linspace(0, len(n) - 1, min(task.settings.T_nodes_free, len(n))).astype(int))]
     T = (n * task.scene.dt)[:, None, None]
     change = _changes(task, T, free)
     low, high = forward_interval(T, change, task.scene.v0, task.limit)
-    share = np.linspace(0.0, 1.0, _x_nodes(task, free))
-    delta = low + (np.maximum(high, low) - low) * share
+    # Dense about the smoothest motion, which is also a node: the jerk sum has a kink there.
+    nodes = denser * (_x_nodes(task, free) - 1) + 1
+    s = np.linspace(-1.0, 1.0, nodes) + np.zeros((len(n), 1, 1))
+    # Every other duration has its nodes in between: the objective changes little from one to the next.
+    s[1::2] = np.where(s[1::2] == 0.0, 0.0, s[1::2] - np.sign(s[1::2]) / (nodes - 1))
+    centre = np.clip(change * T / 2.0, low, np.maximum(high, low))
+    delta = centre + np.where(s < 0.0, centre - low, np.maximum(high - centre, 0.0)) * s * abs(s)
     shape = (len(n), -1)
     return task.simulate(n, delta.reshape(shape), np.broadcast_to(change, delta.shape).reshape(shape))
 
 
 def _x_nodes(task: Task, free: bool) -> int:
-    return max(task.settings.x_nodes // 2, 5) if free else task.settings.x_nodes
+    """Nodes over x_final: odd, so that the middle one is the smoothest motion."""
+    return 2 * ((task.settings.x_nodes - 1) // (4 if free else 2)) + 1
 
 
 def _changes(task: Task, T: FloatArray, free: bool) -> FloatArray:
@@ -162,7 +178,8 @@ def _changes(task: Task, T: FloatArray, free: bool) -> FloatArray:
     widest = task.limit.jerk * T**2 / 6.0
     low = np.maximum(task.limit.v_min - task.scene.v0, -widest)
     high = np.minimum(task.limit.v_max - task.scene.v0, widest)
-    return low + (high - low) * np.linspace(0.0, 1.0, task.settings.v_nodes)[None, :, None]
+    s = np.linspace(-1.0, 1.0, 2 * (task.settings.v_nodes // 2) + 1)[None, :, None]
+    return np.where(s < 0.0, -low, high) * s * abs(s)
 
 
 @dataclass(frozen=True)
@@ -177,32 +194,51 @@ class _Starts:
     goal: IntArray
 
 
-def _starts(task: Task, pool: Pool, goals: list[Goal], free: bool, *, neighbours: bool) -> _Starts | None:
-    """The best durations of each goal, or the neighbours of its best one, each with its best candidate."""
+def _starts(task: Task, pool: Pool, goals: list[Goal], free: bool) -> _Starts | None:
+    """The best durations of each goal, each with its best candidate; None if nothing is feasible."""
     rows: list[tuple[int, int, int]] = []
     for g, goal in enumerate(goals):
-        objective = pool.objective(goal)
-        best = int(np.argmin(objective)) if len(pool) else 0
-        if not len(pool) or not np.isfinite(objective[best]):
-            continue
-        if neighbours:
+        if len(pool):
+            indices = _best_of_basins(pool, pool.objective(goal), task.settings.zoom_starts)
+            rows += [(int(pool.n[i]), i, g) for i in indices]
+    return _at(task, pool, free, rows)
+
+
+def _neighbours(task: Task, pool: Pool, before: Pool, goals: list[Goal], free: bool) -> _Starts | None:
+    """The durations next to each goal's best one; None when no goal has moved to another one."""
+    rows: list[tuple[int, int, int]] = []
+    for g, goal in enumerate(goals):
+        best, old = pool.best(goal), before.best(goal)
+        if best is not None and (len(before) == 0 or best != old):
             rows += [(n, best, g) for n in _around(task, int(pool.n[best]), free)]
-        else:
-            rows += [(int(pool.n[i]), i, g) for i in _best_durations(pool, objective, task.settings.zoom_starts)]
+    return _at(task, pool, free, rows)
+
+
+def _at(task: Task, pool: Pool, free: bool, rows: list[tuple[int, int, int]]) -> _Starts | None:
+    """Starts from rows of duration, index of the candidate that is moved there, and goal."""
     if not rows:
         return None
     n, index, goal_of = (np.array(column) for column in zip(*rows, strict=True))
     T = n * task.scene.dt
-    v_width = np.minimum(task.limit.jerk * T**2 / 6.0, (task.limit.v_max - task.limit.v_min) / 2.0)
+    change = pool.change[index]
+    # The same shape at another T: delta grows with T through the change of speed only.
+    delta = pool.delta[index] + change * (T - pool.n[index] * task.scene.dt) / 2.0
+    widest = np.minimum(task.limit.jerk * T**3 / 60.0, (task.limit.v_max - task.limit.v_min) * T / 1.875)
+    fastest = np.minimum(task.limit.jerk * T**2 / 6.0, task.limit.v_max - task.limit.v_min)
     return _Starts(
         n=n,
-        # The same longitudinal shape at another T: delta grows with T through the change of speed only.
-        delta=pool.delta[index] + pool.change[index] * (n - pool.n[index]) * task.scene.dt / 2.0,
-        change=pool.change[index],
-        half_delta=2.0 * task.limit.jerk * T**3 / 60.0 / (_x_nodes(task, free) - 1),
-        half_change=(2.0 * v_width / (task.settings.v_nodes - 1)) if free else np.zeros(len(n)),
+        delta=delta,
+        change=change,
+        half_delta=_spacing(delta - change * T / 2.0, widest, _x_nodes(task, free)),
+        half_change=_spacing(change, fastest, task.settings.v_nodes) if free else np.zeros(len(n)),
         goal=goal_of,
     )
+
+
+def _spacing(value: FloatArray, widest: FloatArray, nodes: int) -> FloatArray:
+    """Distance to the next node of the first grid, whose nodes lie at widest s |s|."""
+    step = 2.0 / (nodes - 1)
+    return widest * step * (2.0 * np.sqrt(np.minimum(np.abs(value) / widest, 1.0)) + step)
 
 
 def _around(task: Task, n: int, free: bool) -> list[int]:
@@ -212,12 +248,20 @@ def _around(task: Task, n: int, free: bool) -> list[int]:
     return [n + step for step in steps if n + step in allowed]
 
 
-def _best_durations(pool: Pool, objective: FloatArray, count: int) -> list[int]:
-    """Indices of the best candidates of the ``count`` best durations."""
+def _best_of_basins(pool: Pool, objective: FloatArray, count: int) -> list[int]:
+    """Indices of the best candidates of the best durations: ``count`` overall, two slowing, two speeding up.
+
+    The unaccelerated plan is often a basin of its own (the jerk sum has a kink there) and hides the others.
+    """
     order = np.argsort(objective, kind="stable")
     order = order[np.isfinite(objective[order])]
     _, first = np.unique(pool.n[order], return_index=True)
-    return [int(i) for i in order[np.sort(first)[:count]]]
+    chosen = [int(i) for i in order[np.sort(first)[:count]]]
+    for side in (-1.0, 1.0):
+        beyond = order[side * pool.delta[order] > 1e-6]
+        _, first = np.unique(pool.n[beyond] // 20, return_index=True)
+        chosen += [int(i) for i in beyond[np.sort(first)[:2]]]
+    return list(dict.fromkeys(chosen))
 
 
 def _zoom(task: Task, pool: Pool, goals: list[Goal], free: bool, starts: _Starts) -> Pool:
@@ -279,6 +323,8 @@ def _around_centres(
     drift = (change - centre[1][:, None]) * T / 2.0
     low, high = forward_interval(T, change, task.scene.v0, task.limit)
     delta = np.clip(centre[0][:, None] + drift + half[0][:, None] * offsets[0], low, np.maximum(high, low))
+    # The first candidate of every row is the unaccelerated one: the kink of the jerk sum, missed by any grid.
+    delta[:, 0], change[:, 0] = 0.0, 0.0
     return delta, change
 
 

@@ -1,0 +1,261 @@
+"""Plans of every policy for one event: self-optimum, local optimum and the references beside them."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from highd_lc.algorithms import dynamics
+from highd_lc.algorithms.candidates import LossTerms, loss_terms
+from highd_lc.algorithms.packing import PackedScene, obstacle_roles, pack
+from highd_lc.algorithms.replay import AvMotion, Replay, clearances, follow, human_motion, plan_motion, replay
+from highd_lc.algorithms.search import Goal, Pool, Task, nominal_rejections, search
+from highd_lc.core.quintic import Quintic
+from highd_lc.vocab import names
+from highd_lc.vocab.scene import Scene
+from highd_lc.vocab.settings import ValidateSettings
+
+CONSTANT_T = 5.5
+"""Duration of the reference that changes lane at constant speed [s] (SPEC section 6)."""
+
+FORM_OF = {
+    names.BENCHMARK: names.FIXED,
+    names.LOCAL_OPTIMUM: names.FIXED,
+    names.BENCHMARK_FREE: names.FREE,
+    names.LOCAL_OPTIMUM_FREE: names.FREE,
+}
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What a policy does under an accounting, and why nothing better or nothing at all was possible.
+
+    quintic: the plan, None for policies that follow no quintic and for infeasible ones. n: samples of T. replay:
+    what happens, None if infeasible. rejected_by: rejected candidates by constraint; margins: in the
+    constraint's unit, of the plan or, when infeasible, the closest of any candidate.
+    """
+
+    policy: str
+    accounting: str
+    status: str
+    quintic: Quintic | None = None
+    replay: Replay | None = None
+    objective: float = np.nan
+    candidates: int = 0
+    rejected_by: dict[str, int] = field(default_factory=dict)
+    margins: dict[str, float] = field(default_factory=dict)
+
+    @property
+    def at_bound(self) -> list[str]:
+        """Margins that are used up: nearly 0 beside the limits of speed, acceleration and jerk."""
+        return [name for name, margin in self.margins.items() if abs(margin) < 1e-3]
+
+
+@dataclass(frozen=True)
+class Problem:
+    """An event ready to be planned: its scene, the packed arrays, loss terms, limits, settings."""
+
+    scene: Scene
+    packed: PackedScene
+    terms: LossTerms
+    limit: dynamics.Limits
+    settings: ValidateSettings
+    roles: tuple[str, ...]
+
+    @property
+    def task(self) -> Task:
+        """The search that this problem poses."""
+        return Task(self.packed, self.terms, self.limit, self.settings.planner)
+
+
+def pose(scene: Scene, settings: ValidateSettings) -> Problem:
+    """Pose the planning problem of an event."""
+    packed = pack(scene, settings)
+    return Problem(
+        scene,
+        packed,
+        loss_terms(scene, packed.weights, settings.loss),
+        dynamics.limits(scene.v0, settings.constraints),
+        settings,
+        obstacle_roles(scene),
+    )
+
+
+def policies(settings: ValidateSettings) -> tuple[str, ...]:
+    """The policies that are planned under the settings, references first."""
+    free = names.FREE_POLICIES if settings.planner.free_form else ()
+    return names.REFERENCE_POLICIES + names.FIXED_POLICIES + free
+
+
+def plan_all(problem: Problem) -> list[Plan]:
+    """The plans of every policy under every accounting.
+
+    An event whose ellipses overlap at t_start already, or without a feasible plan, gives plans with that status.
+    """
+    plans = [plan for policy in names.REFERENCE_POLICIES for plan in reference_plans(problem, policy)]
+    if overlap_at_start(problem):
+        return plans + list(_infeasible_at_start(problem))
+    pools = search_pools(problem)
+    return plans + list(_optimal(problem, pools))
+
+
+def goals(problem: Problem) -> list[Goal]:
+    """What the optimal policies minimise: both weights of the AV under every accounting."""
+    return [Goal(a, o) for a in names.ACCOUNTINGS for o in (1.0, problem.settings.loss.omega_av)]
+
+
+def search_pools(problem: Problem) -> dict[str, Pool]:
+    """The candidates of each form; those of the fixed form are part of the free one."""
+    pools = {names.FIXED: search(problem.task, goals(problem))}
+    if problem.settings.planner.free_form:
+        pools[names.FREE] = search(problem.task, goals(problem), known=pools[names.FIXED])
+    return pools
+
+
+def _optimal(problem: Problem, pools: dict[str, Pool]) -> Iterator[Plan]:
+    # The same plan is often best under several accountings: replay it once.
+    replays: dict[Quintic, Replay] = {}
+    for policy, form in FORM_OF.items():
+        if form not in pools:
+            continue
+        omega = 1.0 if policy in (names.BENCHMARK, names.BENCHMARK_FREE) else problem.settings.loss.omega_av
+        for accounting in names.ACCOUNTINGS:
+            goal = Goal(accounting, omega)
+            yield _best_plan(problem, pools[form], goal, policy, replays)
+
+
+def _best_plan(problem: Problem, pool: Pool, goal: Goal, policy: str, replays: dict[Quintic, Replay]) -> Plan:
+    count, rejected = rejections(problem, pool, goal.accounting, free=FORM_OF[policy] == names.FREE)
+    best = pool.best(goal)
+    if best is None:
+        margin = closest_margins(problem, pool, goal.accounting)
+        return Plan(policy, goal.accounting, names.INFEASIBLE, None, None, np.nan, count, rejected, margin)
+    quintic = problem.task.quintic(int(pool.n[best]), float(pool.delta[best]), float(pool.change[best]))
+    if quintic not in replays:
+        replays[quintic] = replay(plan_motion(quintic, problem.packed), problem.packed)
+    value = float(pool.objective(goal)[best])
+    margin = plan_margins(problem, quintic, replays[quintic], goal.accounting)
+    return Plan(policy, goal.accounting, names.SOLVED, quintic, replays[quintic], value, count, rejected, margin)
+
+
+def reference_plans(problem: Problem, policy: str) -> list[Plan]:
+    """A reference policy under every accounting: never rejected, its violations show as negative margins."""
+    quintic = None
+    if policy == names.CONSTANT:
+        v0 = problem.scene.v0
+        quintic = Quintic(v0=v0, D=problem.scene.lateral_shift, T=CONSTANT_T, x_final=v0 * CONSTANT_T, v_end=v0)
+        played = replay(plan_motion(quintic, problem.packed), problem.packed)
+    elif policy == names.HUMAN:
+        played = replay(human_motion(problem.scene.human, problem.packed), problem.packed)
+    else:
+        played = stay(problem)
+    return [
+        Plan(
+            policy,
+            accounting,
+            names.REFERENCE,
+            quintic,
+            played,
+            margins=plan_margins(problem, quintic, played, accounting),
+        )
+        for accounting in names.ACCOUNTINGS
+    ]
+
+
+def stay(problem: Problem) -> Replay:
+    """No lane change: the AV behind the origin leader, the followers behind the target leader.
+
+    Both by LCM; the AV's drive follows the setting ``after`` from t_start on. T counts as ``CONSTANT_T``.
+    """
+    packed = problem.packed
+    origin = problem.scene.origin_leader
+    samples = len(packed.target_v)
+    front = np.full(samples, np.inf) if origin is None else origin.x + origin.length / 2.0
+    speed = np.zeros(samples) if origin is None else origin.v
+    start = AvMotion(*(np.zeros(samples) for _ in range(6)), n=0, crossing=samples)
+    start.vx[0] = packed.v0
+    lane = packed._replace(target_front=front, target_v=speed, D=0.0, from_crossing=False)
+    av = replay(start, lane).av
+    x, v, a = (np.empty((len(packed.follower_x), samples)) for _ in range(3))
+    follow(av.x, av.vx, samples, packed, x, v, a)
+    n = round(CONSTANT_T / packed.dt)
+    to_T, after_T = clearances(av.x, av.y, av.vx, av.vy, n, samples - 1, packed, x)
+    return Replay(AvMotion(av.x, av.y, av.vx, av.vy, av.ax, av.jerk, n, samples), x, v, a, to_T, after_T)
+
+
+def overlap_at_start(problem: Problem) -> list[str]:
+    """Roles whose ellipse overlaps the AV's at t_start already."""
+    packed, p = problem.packed, len(problem.packed.follower_x)
+    x = np.repeat(packed.follower_x[:, None], len(packed.target_v), axis=1).reshape(p, -1)
+    still = np.zeros(1)
+    at_start, _ = clearances(still, still, still + packed.v0, still, 0, 0, packed, x)
+    return [role for role, clearance in zip(problem.roles, at_start, strict=True) if clearance < 0.0]
+
+
+def _infeasible_at_start(problem: Problem) -> Iterator[Plan]:
+    packed, p = problem.packed, len(problem.packed.follower_x)
+    x = np.repeat(packed.follower_x[:, None], len(packed.target_v), axis=1).reshape(p, -1)
+    still = np.zeros(1)
+    at_start, _ = clearances(still, still, still + packed.v0, still, 0, 0, packed, x)
+    margin = {f"clearance_{role}": float(c) for role, c in zip(problem.roles, at_start, strict=True)}
+    for policy in policies(problem.settings):
+        if policy in FORM_OF:
+            for accounting in names.ACCOUNTINGS:
+                yield Plan(policy, accounting, names.INFEASIBLE_AT_START, margins=margin)
+
+
+def rejections(problem: Problem, pool: Pool, accounting: str, *, free: bool) -> tuple[int, dict[str, int]]:
+    """Candidates looked at, and how many each constraint rejected; every one counts for its first violation.
+
+    Limits of motion are counted on a plain grid over all of T, x_final and v_end (``nominal_rejections``),
+    contacts among the candidates that were simulated.
+    """
+    nominal = nominal_rejections(problem.task, free)
+    kept = pool.violation == 0
+    touched = kept & ~pool.feasible(accounting)
+    roles = np.bincount(pool.role[touched], minlength=len(problem.roles)) if len(pool) else []
+    counts = {name: nominal[name] for name in dynamics.CONSTRAINTS}
+    counts |= {f"clearance_{role}": int(c) for role, c in zip(problem.roles, roles, strict=False)}
+    return nominal["candidates"] + int(kept.sum()), counts
+
+
+def clearance_margins(problem: Problem, played: Replay, accounting: str) -> dict[str, float]:
+    """Smallest clearance to each role over the accounted time [m]; infinite where a role does not count."""
+    smallest = played.clearance_to_T
+    if accounting != names.PAPER:
+        smallest = np.minimum(smallest, played.clearance_after_T)
+    return {f"clearance_{role}": float(c) for role, c in zip(problem.roles, smallest, strict=True)}
+
+
+def plan_margins(problem: Problem, quintic: Quintic | None, played: Replay, accounting: str) -> dict[str, float]:
+    """Margin of every constraint; of the sampled motion where there is no quintic."""
+    clearance = clearance_margins(problem, played, accounting)
+    if quintic is not None:
+        return dynamics.margins(quintic, problem.limit) | clearance
+    av, last, limit = played.av, played.av.n + 1, problem.limit
+    speed = np.hypot(av.vx[:last], av.vy[:last])
+    return {
+        "speed": float(min(speed.min() - limit.v_min, limit.v_max - speed.max())),
+        "acceleration_x": float(limit.acceleration - np.abs(av.ax[:last]).max()),
+    } | clearance
+
+
+def closest_margins(problem: Problem, pool: Pool, accounting: str) -> dict[str, float]:
+    """For an infeasible event: the largest margin of each constraint that any candidate of a sample reaches."""
+    kept = np.flatnonzero(pool.violation == 0)
+    if not len(kept):
+        return _closest_dynamics(problem)
+    sample = kept[np.unique(np.linspace(0, len(kept) - 1, 100).astype(int))]
+    closest: dict[str, float] = {}
+    for i in sample:
+        quintic = problem.task.quintic(int(pool.n[i]), float(pool.delta[i]), float(pool.change[i]))
+        played = replay(plan_motion(quintic, problem.packed), problem.packed)
+        for name, margin in plan_margins(problem, quintic, played, accounting).items():
+            closest[name] = max(margin, closest.get(name, -np.inf))
+    return closest
+
+
+def _closest_dynamics(problem: Problem) -> dict[str, float]:
+    v0, D = problem.scene.v0, problem.scene.lateral_shift
+    longest = problem.settings.planner.T_max
+    return dynamics.margins(Quintic(v0=v0, D=D, T=longest, x_final=v0 * longest, v_end=v0), problem.limit)

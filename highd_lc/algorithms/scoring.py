@@ -1,0 +1,184 @@
+"""Losses and safety of a replayed motion under every accounting (SPEC sections 4, 6 and 12)."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from highd_lc.algorithms.candidates import LossTerms
+from highd_lc.algorithms.packing import PackedScene
+from highd_lc.algorithms.replay import Replay
+from highd_lc.core.losses import command_jerk, cumulative_comfort, cumulative_efficiency
+from highd_lc.vocab import names
+from highd_lc.vocab.scene import Motion
+from highd_lc.vocab.settings import LossSettings
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class CumulativeLosses:
+    """Normalised losses charged over 0 .. t_k: of the AV, shape (N + 1,), of each follower, shape (p, N + 1)."""
+
+    av_comfort: FloatArray
+    av_efficiency: FloatArray
+    hv_comfort: FloatArray
+    hv_efficiency: FloatArray
+
+
+@dataclass(frozen=True)
+class Pair:
+    """A follower and its leader on the target lane: gap [m], speeds [m/s], each of shape (N + 1,).
+
+    The samples before ``first`` do not count: the AV is still on its own lane.
+    """
+
+    gap: FloatArray
+    v_follower: FloatArray
+    v_leader: FloatArray
+    leader_length: float
+    first: int
+
+
+def charged_samples(accounting: str, n: int, last: int) -> tuple[int, int]:
+    """Last charged sample of the AV and of the followers. n: sample of T; last: sample of H."""
+    if accounting == names.PAPER:
+        return n, n
+    return (n, last) if accounting == names.FOLLOWER_HORIZON else (last, last)
+
+
+def cumulative_losses(replay: Replay, terms: LossTerms, settings: LossSettings, dt: float) -> CumulativeLosses:
+    """Cumulative losses of a replayed motion."""
+    av_speed = np.hypot(replay.av.vx, replay.av.vy)
+    one_sided = terms.one_sided
+    return CumulativeLosses(
+        cumulative_comfort(replay.av.jerk, scale=settings.comfort_scale),
+        cumulative_efficiency(av_speed, terms.av_ref, scale=settings.efficiency_scale, one_sided=one_sided),
+        cumulative_comfort(command_jerk(replay.a, dt), scale=settings.comfort_scale),
+        follower_efficiency(replay.v, terms, settings),
+    )
+
+
+def follower_efficiency(v: FloatArray, terms: LossTerms, settings: LossSettings) -> FloatArray:
+    """Cumulative efficiency of the followers, each against its own reference. v: shape (p, N + 1) [m/s]."""
+    rows = [
+        cumulative_efficiency(row, ref, scale=settings.efficiency_scale, one_sided=terms.one_sided)
+        for row, ref in zip(v, terms.hv_ref, strict=True)
+    ]
+    return np.stack(rows)
+
+
+def losses_at(
+    losses: CumulativeLosses, accounting: str, terms: LossTerms, *, n: int, dt: float
+) -> dict[str, object]:
+    """The columns of ``losses`` that follow from the simulated motion, under one accounting."""
+    av_last, hv_last = charged_samples(accounting, n, losses.av_comfort.shape[-1] - 1)
+    av_comfort, av_efficiency = float(losses.av_comfort[av_last]), float(losses.av_efficiency[av_last])
+    hv_comfort = float(terms.weights @ losses.hv_comfort[:, hv_last])
+    hv_efficiency = float(terms.weights @ losses.hv_efficiency[:, hv_last])
+    each = 0.5 * losses.hv_comfort[:, hv_last] + 0.5 * losses.hv_efficiency[:, hv_last]
+    loss_av = 0.5 * av_comfort + 0.5 * av_efficiency
+    loss_hv = 0.5 * hv_comfort + 0.5 * hv_efficiency
+    return {
+        "loss_av": loss_av,
+        "av_comfort": av_comfort,
+        "av_efficiency": av_efficiency,
+        "loss_hv": loss_hv,
+        "hv_comfort": hv_comfort,
+        "hv_efficiency": hv_efficiency,
+        "loss_total": loss_av + loss_hv,
+        "loss_av_dt": loss_av * dt,
+        "loss_hv_dt": loss_hv * dt,
+        "loss_hv_each": each.tolist(),
+        "follower_weights": terms.weights.tolist(),
+    }
+
+
+def recorded_loss(
+    recorded: tuple[Motion, ...],
+    simulated: CumulativeLosses,
+    terms: LossTerms,
+    settings: LossSettings,
+    *,
+    last: int,
+    dt: float,
+) -> dict[str, float | int]:
+    """Followers' loss from their recorded motion, and the simulated one over the same samples.
+
+    Each follower counts as long as its track lasts, at most to sample ``last``. Recorded accelerations stand for
+    the commands.
+    """
+    loss, counterpart, samples = 0.0, 0.0, 0
+    for i, motion in enumerate(recorded):
+        end = min(motion.observed - 1, last)
+        if end < 1:
+            continue
+        jerk = command_jerk(motion.a[: end + 1], dt)
+        comfort = cumulative_comfort(jerk, scale=settings.comfort_scale)[-1]
+        efficiency = cumulative_efficiency(
+            motion.v[: end + 1], terms.hv_ref[i], scale=settings.efficiency_scale, one_sided=terms.one_sided
+        )[-1]
+        loss += terms.weights[i] * 0.5 * (comfort + efficiency)
+        both = simulated.hv_comfort[i, end] + simulated.hv_efficiency[i, end]
+        counterpart += terms.weights[i] * 0.5 * both
+        samples += end + 1
+    if not samples:
+        return {"loss_hv_recorded": np.nan, "loss_hv_simulated": np.nan, "recorded_n_samples": 0}
+    return {"loss_hv_recorded": loss, "loss_hv_simulated": counterpart, "recorded_n_samples": samples}
+
+
+def pairs(replay: Replay, scene: PackedScene, *, joins: bool) -> list[Pair]:
+    """Pairs on the target lane: AV behind the target leader, followers behind the AV and each other.
+
+    joins: whether the AV enters the lane (at its crossing); otherwise the first follower stays behind the leader.
+    """
+    fronts = [scene.target_front, *(replay.x + scene.follower_length[:, None] / 2.0)]
+    speeds = [scene.target_v, *replay.v]
+    lengths = [scene.target_length, *scene.follower_length]
+    firsts = [0] * len(fronts)
+    if joins:
+        fronts.insert(1, replay.av.x + scene.length / 2.0)
+        speeds.insert(1, replay.av.vx)
+        lengths.insert(1, scene.length)
+        firsts[1:1] = [replay.av.crossing]
+        firsts[2] = replay.av.crossing
+    return [
+        Pair(fronts[i] - fronts[i + 1] - lengths[i], speeds[i + 1], speeds[i], lengths[i], firsts[i + 1])
+        for i in range(len(fronts) - 1)
+        if np.isfinite(fronts[i][0])
+    ]
+
+
+def safety(lane: list[Pair], last: int) -> dict[str, float]:
+    """Smallest gap [m], time headway [s] and time to collision [s], largest DRAC [m/s^2] up to sample ``last``.
+
+    NaN where no sample has one: nobody closes in, or everybody stands. Time headway = (gap + leader length) /
+    speed; DRAC = closing speed^2 / (2 gap), only while the gap is positive.
+    """
+    gap, headway, ttc, drac = ([np.nan] for _ in range(4))
+    for pair in lane:
+        used = slice(min(pair.first, last), last + 1)
+        g, v, closing = pair.gap[used], pair.v_follower[used], (pair.v_follower - pair.v_leader)[used]
+        gap.append(float(g.min()))
+        moving, near = v > 0.1, (closing > 1e-6) & (g > 0.0)
+        if moving.any():
+            headway.append(float(((g + pair.leader_length)[moving] / v[moving]).min()))
+        if near.any():
+            ttc.append(float((g[near] / closing[near]).min()))
+            drac.append(float((closing[near] ** 2 / (2.0 * g[near])).max()))
+    return {
+        "min_gap_m": _smallest(gap),
+        "min_time_headway_s": _smallest(headway),
+        "min_ttc_s": _smallest(ttc),
+        "max_drac": -_smallest([-d for d in drac]),
+    }
+
+
+def _smallest(values: list[float]) -> float:
+    found = [v for v in values if not np.isnan(v)]
+    return min(found) if found else np.nan
+
+
+def peak_deceleration(a: FloatArray, last: int) -> float:
+    """Strongest braking of any follower [m/s^2, positive] up to sample ``last``; 0 if nobody brakes."""
+    return float(max(0.0, -a[:, : last + 1].min()))
