@@ -1,0 +1,245 @@
+/* The page of one event: unpack the data, then keep plan view, charts and tables on one moment and one choice. */
+
+function unpack(packed) {
+  const data = new Int8Array(bytes(packed.data).buffer);
+  let offset = 0;
+  return packed.channels.map(([step, base, first, count]) => {
+    let level = base;
+    const values = Float64Array.from(data.subarray(offset, offset + count), (delta) => (level += delta) * step);
+    offset += count;
+    return { first, values };
+  });
+}
+
+function spread({ first, values }, length, add) {
+  const channel = new Float64Array(length).fill(NaN);
+  values.forEach((value, k) => { channel[first + k] = value + (add ? add(first + k) : 0); });
+  return channel;
+}
+
+/* Channels of a page: x comes relative to a point that drives at v0. */
+function decode(data) {
+  const packed = [...data.plays, ...data.others];
+  const length = Math.max(...packed.map((p) => Math.max(...p.channels.map(([, , first, count]) => first + count))));
+  const moving = (k) => data.v0 * data.dt * k;
+  const path = (channels) => {
+    const [x, y, v, a] = channels;
+    return { x: spread(x, length, moving), y: spread(y, length), v: spread(v, length), a: spread(a, length) };
+  };
+  for (const play of data.plays) {
+    const channels = unpack(play);
+    play.ego = path(channels);
+    play.jerk = spread(channels[4], length);
+    play.followers = [];
+    for (let k = 5; k < channels.length; k += 4) play.followers.push(path(channels.slice(k, k + 4)));
+  }
+  for (const other of data.others) Object.assign(other, path(unpack(other)));
+  data.last = (length - 1) * data.dt;
+  data.times = Float64Array.from({ length }, (_, k) => k * data.dt);
+  return data;
+}
+
+const choose = (id) => document.getElementById(id);
+
+class EventPage {
+  constructor(data) {
+    this.data = data;
+    this.t = 0;
+    this.playing = false;
+    this.accounting = choose("accounting").value;
+    this.road = new RoadView(choose("road"), data);
+    this.buildCharts();
+    if (data.surface) this.surface = new SurfaceView(choose("surface"), data.surface);
+    this.fillPolicies();
+    this.listen();
+    this.drawFits();
+    this.drawTracks();
+    this.choice();
+  }
+
+  find(policy) {
+    return this.data.plays.find((p) => p.policy === policy && p.accountings.includes(this.accounting));
+  }
+
+  fillPolicies() {
+    const available = Object.keys(this.data.looks).filter((policy) => this.find(policy));
+    for (const [id, wanted] of [["policy", "local_optimum"], ["compare", "benchmark"]]) {
+      const select = choose(id);
+      const chosen = select.value || wanted;
+      const options = available.map((policy) => node("option", { value: policy }, this.data.looks[policy].label));
+      if (id === "compare") options.unshift(node("option", { value: "none" }, "nothing"));
+      select.replaceChildren(...options);
+      const fallback = id === "compare" ? "none" : available.includes("human") ? "human" : available[0];
+      select.value = available.includes(chosen) || (chosen === "none" && id === "compare") ? chosen : fallback;
+    }
+  }
+
+  listen() {
+    for (const id of ["policy", "compare"]) choose(id).addEventListener("change", () => this.choice());
+    choose("accounting").addEventListener("change", (event) => {
+      this.accounting = event.target.value;
+      this.fillPolicies();
+      this.choice();
+    });
+    choose("play").addEventListener("click", () => this.toggle());
+    const slider = choose("time");
+    slider.max = this.data.last.toFixed(2);
+    slider.step = this.data.dt;
+    slider.addEventListener("input", () => { this.pause(); this.move(Number(slider.value)); });
+    document.addEventListener("keydown", (event) => this.key(event));
+    const quantity = choose("quantity");
+    if (quantity) quantity.addEventListener("change", () => this.drawSurface());
+  }
+
+  key(event) {
+    if (event.ctrlKey || event.altKey || event.metaKey || /^(SELECT|TEXTAREA)$/.test(event.target.tagName)) return;
+    if (event.key === " " && /^(BUTTON|SUMMARY|A)$/.test(event.target.tagName)) return;
+    const step = event.shiftKey ? 1 : this.data.dt;
+    const policies = [...choose("policy").options];
+    const actions = {
+      " ": () => this.toggle(),
+      ArrowLeft: () => { this.pause(); this.move(this.t - step); },
+      ArrowRight: () => { this.pause(); this.move(this.t + step); },
+      Home: () => this.move(0),
+      End: () => this.move(this.data.last),
+    };
+    const number = Number(event.key);
+    if (actions[event.key]) actions[event.key]();
+    else if (number >= 1 && number <= policies.length) { choose("policy").value = policies[number - 1].value; this.choice(); }
+    else return;
+    event.preventDefault();
+  }
+
+  toggle() {
+    if (this.playing) { this.pause(); return; }
+    if (this.t >= this.data.last - 1e-6) this.t = 0;
+    this.playing = true;
+    choose("play").textContent = "Pause";
+    let before = performance.now();
+    const tick = (now) => {
+      if (!this.playing) return;
+      this.move(this.t + ((now - before) / 1000) * Number(choose("rate").value));
+      before = now;
+      if (this.t >= this.data.last - 1e-6) this.pause(); else requestAnimationFrame(tick);
+    };
+    requestAnimationFrame(tick);
+  }
+
+  pause() {
+    this.playing = false;
+    choose("play").textContent = "Play";
+  }
+
+  /* Another policy, comparison or accounting was chosen. */
+  choice() {
+    this.main = this.find(choose("policy").value);
+    this.compared = this.find(choose("compare").value);
+    if (this.compared === this.main) this.compared = undefined;
+    for (const element of document.querySelectorAll("[data-accounting]")) {
+      element.hidden = element.dataset.accounting !== this.accounting;
+    }
+    this.road.frame(this.compared ? [this.main, this.compared] : [this.main]);
+    this.drawCharts();
+    this.drawSurface();
+    this.move(this.t);
+  }
+
+  move(t) {
+    this.t = Math.min(Math.max(t, 0), this.data.last);
+    const slider = choose("time");
+    slider.value = this.t;
+    slider.setAttribute("aria-valuetext", `${fixed(this.t, 1)} seconds`);
+    choose("clock").textContent = `${fixed(this.t, 1)} s`;
+    this.road.draw(this.t, this.main, this.compared);
+    for (const { chart } of this.charts) chart.cursor(this.t);
+  }
+
+  buildCharts() {
+    const of = (channel) => (play) => [{ values: channel(play), label: "" }];
+    const each = (channel) => (play) => play.followers.map((f, k) => ({ values: channel(f), label: `${k + 1}` }));
+    const leader = this.data.others.find((other) => other.role === "target_leader");
+    const gap = (ahead, behind, boxes) => ahead.x.map((x, k) => x - behind.x[k] - (boxes[0][0] + boxes[1][0]) / 2);
+    const { boxes } = this.data;
+    const specifications = [
+      ["Lateral position of the AV", "m", 1, of((p) => p.ego.y)],
+      ["Speed of the AV", "m/s", 2, of((p) => p.ego.v)],
+      ["Acceleration of the AV", "m/s²", 1, of((p) => p.ego.a)],
+      ["Jerk charged to the AV, |jx| + |jy|", "m/s³", 1, of((p) => p.jerk)],
+    ];
+    if (this.data.plays.some((p) => p.followers.length)) {
+      specifications.push(["Speed of the followers", "m/s", 2, each((f) => f.v)],
+        ["Acceleration of the followers", "m/s²", 1, each((f) => f.a)],
+        ["Gap between AV and HV 1", "m", 5, of((p) => gap(p.ego, p.followers[0], [boxes.ego, boxes.target_follower_1]))]);
+    }
+    if (leader) specifications.push(["Gap between AV and target leader", "m", 5, of((p) => gap(leader, p.ego, [boxes.target_leader, boxes.ego]))]);
+    this.charts = specifications.map(([title, unit, least, channels]) => {
+      const figure = node("figure", {});
+      choose("charts").append(figure);
+      const onScrub = (t) => { this.pause(); this.move(t); };
+      return { chart: new Chart(figure, { title, unit, least, onScrub }), channels };
+    });
+  }
+
+  /* The plays drawn in every chart: the comparison below, the chosen one on top, the human for reference. */
+  drawn() {
+    const human = this.find("human");
+    const plays = [[this.compared, 1.5], [this.main, 2.5]];
+    if (human && human !== this.main && human !== this.compared) plays.unshift([human, 1]);
+    return plays.filter(([play]) => play);
+  }
+
+  series(play, width, channels) {
+    const look = this.data.looks[play.policy];
+    return channels(play).map(({ values, label }) => {
+      const known = [...values.keys()].filter((k) => Number.isFinite(values[k]));
+      return {
+        name: look.label, label, colour: colour(play), dash: look.dashed ? "7 4" : null, width,
+        x: known.map((k) => this.data.times[k]), y: known.map((k) => values[k]),
+      };
+    });
+  }
+
+  drawCharts() {
+    const marks = [this.main, this.compared].filter((p) => p && p.T !== null).map((p, k) => ({ x: p.T, label: k ? "" : "T" }));
+    for (const { chart, channels } of this.charts) {
+      chart.draw(this.drawn().flatMap(([play, width]) => this.series(play, width, channels)), [0, this.data.last], marks);
+    }
+  }
+
+  drawSurface() {
+    if (this.surface) this.surface.draw(this.accounting, choose("quantity").value, this.data.looks);
+  }
+
+  drawFits() {
+    for (const figure of document.querySelectorAll("[data-fit]")) {
+      const fit = this.data.fits[figure.dataset.fit];
+      if (!fit) continue;
+      const column = Number(figure.dataset.column);
+      const line = (packed, name, width, tone) => {
+        const { values } = unpack(packed)[column];
+        return { name, label: "", colour: tone, width, x: [...values.keys()].map((k) => fit.t0 + k * fit.dt), y: [...values] };
+      };
+      const chart = new Chart(figure, { title: column ? "Speed" : "Spacing", unit: column ? "m/s" : "m", least: 2 });
+      const series = [line(fit.recorded, "Recorded", 2.5, "var(--quiet)"), line(fit.simulated, "LCM", 1.5, "var(--accent)")];
+      chart.draw(series, range(series, (s) => s.x, 0.1));
+    }
+  }
+
+  drawTracks() {
+    for (const figure of document.querySelectorAll("[data-track]")) {
+      const [part, column, title, unit] = figure.dataset.track.split("|");
+      const series = this.data.tracks.map((track) => {
+        const { values } = unpack(track[part])[Number(column)];
+        const look = this.data.looks[track.policy];
+        return {
+          name: look.label, label: "", colour: `var(--policy-${track.policy})`, dash: look.dashed ? "7 4" : null, width: 1.6,
+          x: [...values.keys()].map((k) => k * track.dt), y: [...values],
+        };
+      });
+      const chart = new Chart(figure, { title, unit, digits: 3 });
+      chart.draw(series, range(series, (s) => s.x, 0.1));
+    }
+  }
+}
+
+new EventPage(decode(payload("data")));

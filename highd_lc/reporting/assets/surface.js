@@ -1,0 +1,114 @@
+/* The loss surface over (T, x_final), with the region that the constraints leave and the policies' points. */
+
+const CIVIDIS = [[0, 34, 78], [18, 53, 112], [59, 73, 108], [87, 93, 109], [112, 113, 115], [138, 134, 120],
+  [165, 156, 116], [195, 179, 105], [225, 204, 85], [254, 232, 56]];
+
+function cividis(share) {
+  const at = Math.min(Math.max(share, 0), 1) * (CIVIDIS.length - 1);
+  const k = Math.min(Math.floor(at), CIVIDIS.length - 2);
+  return CIVIDIS[k].map((low, c) => Math.round(low + (at - k) * (CIVIDIS[k + 1][c] - low)));
+}
+
+function levels(packed) {
+  const whole = new Uint16Array(bytes(packed.data).buffer);
+  return Float64Array.from(whole, (level) => (level === 65535 ? NaN : packed.low + level * packed.scale));
+}
+
+class SurfaceView {
+  constructor(figure, surface) {
+    this.surface = surface;
+    this.svg = mark("svg", { viewBox: "0 0 560 360", role: "img" });
+    this.note = node("p", { class: "legend" });
+    figure.classList.add("chart");
+    figure.append(this.svg, this.note);
+  }
+
+  draw(accounting, quantity, looks) {
+    const packed = this.surface.losses[accounting];
+    const [av, hv] = [levels(packed.av), levels(packed.hv)];
+    const values = av.map((loss, k) => ({ av: loss, hv: hv[k], joint: 0.5 * (loss + hv[k]) })[quantity]);
+    const mask = bytes(packed.feasible);
+    const feasible = (k) => Boolean((mask[k >> 3] >> (k & 7)) & 1);
+    const inside = [...values].filter((value, k) => feasible(k) && Number.isFinite(value)).sort((a, b) => a - b);
+    const low = inside[0], high = inside[Math.floor(0.9 * (inside.length - 1))];
+    this.svg.replaceChildren(this.image(values, feasible, low, high), ...this.axes(), ...this.points(accounting, looks));
+    const name = { joint: "Joint objective, equal weights", av: "Loss of the AV", hv: "Loss of the followers" }[quantity];
+    const text = inside.length
+      ? `${name}: from ${fixed(low, 2)} (dark) to ${fixed(high, 2)} and above (bright) where all constraints hold. Faded: some constraint is violated.`
+      : "No candidate of this grid meets all constraints.";
+    this.note.textContent = text;
+    this.svg.setAttribute("aria-label", `${text} Points: ${this.spoken(accounting, looks)}.`);
+  }
+
+  image(values, feasible, low, high) {
+    const [rows, columns] = [this.surface.T.length, this.surface.x.length];
+    const canvas = node("canvas", { width: rows, height: columns });
+    const context = canvas.getContext("2d");
+    const pixels = context.createImageData(rows, columns);
+    for (let i = 0; i < rows; i++) {
+      for (let j = 0; j < columns; j++) {
+        const k = i * columns + j;
+        const p = 4 * ((columns - 1 - j) * rows + i);
+        const known = Number.isFinite(values[k]);
+        pixels.data.set(known ? cividis((values[k] - low) / (high - low || 1)) : [128, 128, 128], p);
+        pixels.data[p + 3] = known ? (feasible(k) ? 255 : 70) : 25;
+      }
+    }
+    context.putImageData(pixels, 0, 0);
+    return mark("image", {
+      href: canvas.toDataURL(), x: 56, y: 12, width: 484, height: 300, preserveAspectRatio: "none",
+      style: "image-rendering: pixelated",
+    });
+  }
+
+  /* Cells are centred on their nodes, so the picture reaches half a cell beyond the outer nodes. */
+  place(values, value) {
+    const step = values[1] - values[0];
+    return (value - values[0] + step / 2) / (values[values.length - 1] - values[0] + step);
+  }
+
+  x(T) { return 56 + 484 * this.place(this.surface.T, T); }
+
+  y(offset) { return 312 - 300 * this.place(this.surface.x, offset); }
+
+  axes() {
+    const parts = [mark("rect", { class: "axis", x: 56, y: 12, width: 484, height: 300, fill: "none" })];
+    const { T, x } = this.surface;
+    for (const value of niceTicks(T[0], T[T.length - 1], 8).ticks) {
+      parts.push(mark("text", { class: "tick", x: this.x(value).toFixed(1), y: 328, "text-anchor": "middle" }, fixed(value, 0)));
+    }
+    const ticks = niceTicks(x[0], x[x.length - 1], 6);
+    for (const value of ticks.ticks) {
+      parts.push(mark("text", { class: "tick", x: 50, y: (this.y(value) + 4).toFixed(1), "text-anchor": "end" }, fixed(value, ticks.digits)));
+    }
+    parts.push(mark("text", { class: "tick", x: 540, y: 346, "text-anchor": "end" }, "duration T [s]"),
+      mark("text", { class: "tick", x: 14, y: 162, transform: "rotate(-90 14 162)", "text-anchor": "middle" }, "x_final − v0 T [m]"));
+    return parts;
+  }
+
+  shown(accounting) {
+    const { T, x, points } = this.surface;
+    return points.filter(([policy, of, duration, offset]) => of === accounting && policy !== "no_lane_change"
+      && duration >= T[0] - 1e-9 && duration <= T[T.length - 1] + 1e-9 && offset >= x[0] && offset <= x[x.length - 1]);
+  }
+
+  points(accounting, looks) {
+    const taken = [];
+    return this.shown(accounting).flatMap(([policy, , T, offset]) => {
+      const [x, y] = [this.x(T), this.y(offset)];
+      let labelY = y - 9;
+      while (taken.some(([tx, ty]) => Math.abs(tx - x) < 110 && Math.abs(ty - labelY) < 13)) labelY -= 13;
+      taken.push([x, labelY]);
+      const end = x > 420;
+      return [
+        mark("circle", { class: "point", cx: x.toFixed(1), cy: y.toFixed(1), r: 6, style: `fill: var(--policy-${policy})` }),
+        mark("text", { class: "halo", x: (x + (end ? -8 : 8)).toFixed(1), y: labelY.toFixed(1), "text-anchor": end ? "end" : "start" }, looks[policy].label),
+      ];
+    });
+  }
+
+  spoken(accounting, looks) {
+    const one = ([policy, , T, offset]) => `${looks[policy].label} at T ${fixed(T, 1)} s, ${fixed(offset, 1)} m`;
+    return this.shown(accounting).map(one).join("; ") || "none";
+  }
+}

@@ -1,0 +1,169 @@
+"""What a page or a figure of an event is made from: plain arrays and rows, nothing read from files.
+
+Time grid of all motions: t_k = k dt, k = 0 .. N, t = 0 at t_start. Coordinates are relative to the ego's box
+centre at t_start: x forward, y left [m]. NaN stands for "not in view".
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from highd_lc.vocab import names
+
+FloatArray = NDArray[np.float64]
+Row = Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class Path:
+    """A vehicle's motion: x, y of its box centre [m], speed v [m/s], acceleration a [m/s^2]; shape (N + 1,)."""
+
+    x: FloatArray
+    y: FloatArray
+    v: FloatArray
+    a: FloatArray
+
+
+@dataclass(frozen=True)
+class Play:
+    """One way in which the event runs: a policy under the accountings that led to the same plan.
+
+    T: duration of the manoeuvre [s], NaN where there is none. ego, followers (nearest first): their motions;
+    jerk: the |jx| + |jy| charged to the ego [m/s^3], shape (N + 1,). measured: whether these are recorded data.
+    """
+
+    policy: str
+    accountings: tuple[str, ...]
+    T: float
+    ego: Path
+    jerk: FloatArray
+    followers: tuple[Path, ...]
+    measured: bool = False
+
+
+@dataclass(frozen=True)
+class Box:
+    """A vehicle's box: length and width [m]."""
+
+    length: float
+    width: float
+
+
+@dataclass(frozen=True)
+class Surface:
+    """The planner's losses over (T, x_final), fixed form.
+
+    T [s], shape (m,); x_final relative to v0 T [m], shape (n,); loss_av, loss_hv: per accounting, shape
+    (m, n); feasible: per accounting, boolean of shape (m, n).
+    """
+
+    T: FloatArray
+    x_offset: FloatArray
+    loss_av: Mapping[str, FloatArray]
+    loss_hv: Mapping[str, FloatArray]
+    feasible: Mapping[str, NDArray[np.bool_]]
+
+
+@dataclass(frozen=True)
+class FitTrace:
+    """A follower's calibration window: recorded against simulated, t [s] relative to t_start (negative).
+
+    All of shape (n,): spacing [m] front to front, speed [m/s].
+    """
+
+    t: FloatArray
+    spacing_recorded: FloatArray
+    spacing_simulated: FloatArray
+    speed_recorded: FloatArray
+    speed_simulated: FloatArray
+
+
+@dataclass(frozen=True)
+class TrackTrace:
+    """Tracking of a policy's plan: errors e_lateral, e_longitudinal [m], inputs v [m/s], delta [rad]."""
+
+    policy: str
+    plant: str
+    t: FloatArray
+    lateral: FloatArray
+    longitudinal: FloatArray
+    v: FloatArray
+    delta: FloatArray
+
+
+@dataclass(frozen=True)
+class EventReport:
+    """Everything that a page or a figure shows of one event.
+
+    event: its row of ``events``; plans, losses, fits, tracking: its rows of those tables. v0: ego's speed at
+    t_start [m/s]. dt: step of the motions [s]. divider: y of the marking that is crossed [m]; markings: y of all
+    markings of the carriageway, ascending [m]. boxes: of each role. others: motions of the roles that no policy
+    moves. provenance: label and value pairs.
+    """
+
+    event: Row
+    v0: float
+    dt: float
+    divider: float
+    markings: tuple[float, ...]
+    boxes: Mapping[str, Box]
+    others: Mapping[str, Path]
+    plays: tuple[Play, ...]
+    plans: tuple[Row, ...]
+    losses: tuple[Row, ...]
+    fits: tuple[Row, ...] = ()
+    fit_traces: Mapping[int, FitTrace] = field(default_factory=dict)
+    tracking: tuple[Row, ...] = ()
+    track_traces: tuple[TrackTrace, ...] = ()
+    surface: Surface | None = None
+    provenance: tuple[tuple[str, str], ...] = ()
+
+    @property
+    def event_id(self) -> str:
+        """The event's id."""
+        return str(self.event["event_id"])
+
+    @property
+    def n_followers(self) -> int:
+        """p, the number of followers on the target lane."""
+        return len(self.plays[0].followers) if self.plays else len(self.event["follower_ids"])
+
+    def play(self, policy: str, accounting: str = names.PRIMARY_ACCOUNTING) -> Play | None:
+        """The play of a policy under an accounting; None if the policy has no plan there."""
+        return next((p for p in self.plays if p.policy == policy and accounting in p.accountings), None)
+
+    def plan(self, policy: str, accounting: str = names.PRIMARY_ACCOUNTING) -> Row | None:
+        """The row of ``plans`` of a policy under an accounting."""
+        return _row(self.plans, policy, accounting)
+
+    def loss(self, policy: str, accounting: str = names.PRIMARY_ACCOUNTING) -> Row | None:
+        """The row of ``losses`` of a policy under an accounting."""
+        return _row(self.losses, policy, accounting)
+
+    def gain(self, form: str = names.FIXED, accounting: str = names.PRIMARY_ACCOUNTING) -> float:
+        """1 - total loss of the local optimum over that of the benchmark; NaN if either is infeasible."""
+        local, benchmark = (self.loss(p, accounting) for p in PAIRS[form])
+        if local is None or benchmark is None:
+            return float("nan")
+        return gain(local["loss_total"], benchmark["loss_total"])
+
+
+PAIRS: Mapping[str, tuple[str, str]] = {
+    names.FIXED: (names.LOCAL_OPTIMUM, names.BENCHMARK),
+    names.FREE: (names.LOCAL_OPTIMUM_FREE, names.BENCHMARK_FREE),
+}
+"""Of each form, the policy that is judged and the one it is judged against."""
+
+
+def gain(total_local: float, total_benchmark: float) -> float:
+    """Relative gain 1 - local / benchmark; NaN where a total is missing or the benchmark's is 0."""
+    if not np.isfinite(total_local) or not np.isfinite(total_benchmark) or total_benchmark == 0:
+        return float("nan")
+    return 1.0 - float(total_local) / float(total_benchmark)
+
+
+def _row(rows: tuple[Row, ...], policy: str, accounting: str) -> Row | None:
+    return next((r for r in rows if r["policy"] == policy and r["accounting"] == accounting), None)

@@ -1,0 +1,129 @@
+"""Pages from templates: one environment, styles and scripts inlined, every text from data escaped.
+
+A page is one file that asks for nothing: no address outside it is ever loaded, which its content security policy
+also forbids.
+"""
+
+import base64
+import io
+import json
+import math
+from collections.abc import Mapping
+from functools import cache
+from importlib.resources import files
+from typing import Any, Final
+
+from jinja2 import Environment, PackageLoader, StrictUndefined, Template
+from markupsafe import Markup
+from matplotlib.figure import Figure
+
+from highd_lc.reporting import labels
+
+_MISSING: Final = "–"
+_SCRIPT_ESCAPES: Final = {
+    ord("<"): "\\u003c",
+    ord(">"): "\\u003e",
+    ord("&"): "\\u0026",
+    0x2028: "\\u2028",
+    0x2029: "\\u2029",
+}
+
+PAGES: Final = (
+    ("index.html", "Events"),
+    ("summary.html", "Summary"),
+    ("matrix.html", "Validation matrix"),
+    ("calibration.html", "Calibration"),
+    ("excluded.html", "Excluded"),
+    ("dictionary.html", "Data dictionary"),
+)
+"""The pages of a report beside those of the events: file name and title."""
+
+
+def render(template: str, context: Mapping[str, Any]) -> str:
+    """A page from a template of this package and its context."""
+    return _template(template).render(context)
+
+
+@cache
+def _template(name: str) -> Template:
+    return _environment().get_template(name)
+
+
+@cache
+def _environment() -> Environment:
+    environment = Environment(
+        loader=PackageLoader("highd_lc.reporting"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.filters.update(number=number, percent=percent, json=json_script, role=labels.role)
+    environment.globals.update(style=style, script=script, pages=PAGES, labels=labels)
+    return environment
+
+
+def number(value: Any, digits: int = 2) -> str:
+    """A number with a fixed number of decimals and a true minus sign; a dash where there is none."""
+    if is_missing(value):
+        return _MISSING
+    text = f"{float(value):.{digits}f}"
+    return (text.lstrip("-") if float(text) == 0 else text).replace("-", "−")
+
+
+def percent(value: Any, digits: int = 2) -> str:
+    """A share as percent, without its sign; a dash where there is none."""
+    return _MISSING if is_missing(value) else f"{number(100 * float(value), digits)} %"
+
+
+def is_missing(value: Any) -> bool:
+    """Whether a cell holds nothing: None, NA or not a finite number."""
+    try:
+        return not math.isfinite(value)
+    except TypeError:
+        return True
+
+
+def json_script(value: Any) -> Markup:
+    """A value as JSON that cannot leave the script element it stands in. NaN is refused."""
+    text = json.dumps(value, allow_nan=False, separators=(",", ":"), ensure_ascii=False)
+    return Markup(text.translate(_SCRIPT_ESCAPES))
+
+
+@cache
+def style(*names: str) -> Markup:
+    """The colours of the policies and the style sheets of these names, as one text."""
+    colours = "".join(f"--policy-{p}: light-dark({k.light}, {k.dark});" for p, k in labels.POLICIES.items())
+    sheets = "\n".join(_asset(f"{name}.css") for name in names)
+    return Markup(f":root {{ {colours} }}\n{sheets}")
+
+
+@cache
+def script(*names: str) -> Markup:
+    """The scripts of these names, as one text."""
+    return Markup("\n".join(_asset(f"{name}.js") for name in names))
+
+
+def _asset(name: str) -> str:
+    return (files("highd_lc.reporting") / "assets" / name).read_text(encoding="utf-8")
+
+
+def inline_svg(figure: Figure, alternative: str) -> Markup:
+    """A matplotlib figure as SVG inside a page: its ink takes the page's colour, its ground is clear.
+
+    alternative: what the figure shows, in words. Ink is what was drawn in ``figures_population.INK``.
+    """
+    sink = io.StringIO()
+    figure.savefig(sink, format="svg", transparent=True, metadata={"Date": None, "Creator": None})
+    text = sink.getvalue()
+    text = text[text.index("<svg") :].replace(_INK, "currentColor")
+    head = Markup('<svg role="img" aria-label="{}" ').format(alternative)
+    return Markup(text.replace("<svg ", str(head), 1))
+
+
+_INK: Final = "#1a1d20"
+
+
+def data_uri(image: bytes, kind: str = "image/png") -> str:
+    """An image as an address that needs no file."""
+    return f"data:{kind};base64,{base64.b64encode(image).decode('ascii')}"

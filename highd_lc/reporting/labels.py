@@ -1,0 +1,93 @@
+"""Words, units and colours of pages and figures: one place, so that every chart speaks alike.
+
+Colours are Okabe and Ito's palette, told apart by people with any common colour blindness; forms with a free
+end speed are dashed as well, so that no distinction rests on colour alone.
+"""
+
+from dataclasses import dataclass
+from typing import Final
+
+from highd_lc.vocab import names
+
+RECORDED: Final = "recorded"
+"""Everything as recorded: not a policy, but a way in which an event can be played."""
+
+
+@dataclass(frozen=True)
+class Look:
+    """How a policy is drawn: its label, its colour on a light and on a dark ground, and whether dashed."""
+
+    label: str
+    light: str
+    dark: str
+    dashed: bool = False
+
+
+POLICIES: Final = {
+    RECORDED: Look("Recorded", "#555555", "#b8b8b8"),
+    names.NO_LANE_CHANGE: Look("No lane change", "#009E73", "#2fc49a"),
+    names.CONSTANT: Look("Constant speed, 5.5 s", "#B0578D", "#e39ac6"),
+    names.HUMAN: Look("Human", "#222222", "#f0f0f0"),
+    names.BENCHMARK: Look("Benchmark", "#D55E00", "#f08a3c"),
+    names.LOCAL_OPTIMUM: Look("Local optimum", "#0072B2", "#5ab4ec"),
+    names.BENCHMARK_FREE: Look("Benchmark, free end speed", "#A87400", "#f0b93a", dashed=True),
+    names.LOCAL_OPTIMUM_FREE: Look("Local optimum, free end speed", "#2A8FC9", "#8fd0f7", dashed=True),
+}
+
+ACCOUNTINGS: Final = {
+    names.PAPER: "Paper: both sides over 0..T",
+    names.FOLLOWER_HORIZON: "Follower horizon: AV over 0..T, followers over 0..H",
+    names.EQUAL: "Equal: both sides over 0..H",
+}
+
+ACCOUNTING_NAMES: Final = {
+    names.PAPER: "Paper",
+    names.FOLLOWER_HORIZON: "Follower horizon",
+    names.EQUAL: "Equal",
+}
+
+FORMS: Final = {names.FIXED: "Fixed end speed", names.FREE: "Free end speed"}
+
+STATUSES: Final = {
+    names.SOLVED: "solved",
+    names.REFERENCE: "reference",
+    names.INFEASIBLE: "infeasible",
+    names.INFEASIBLE_AT_START: "infeasible at start",
+}
+
+REASONS: Final = {
+    names.OUTSIDE_MARKINGS: "a box centre lies outside the lane markings",
+    names.NOT_ADJACENT: "the two lanes are not adjacent",
+    names.TRACK_HOLE: "the track has a hole in the window",
+    names.FLICKER: "the lane id flickers at a marking, no lane is left",
+    names.RETURNED: "the vehicle returns to its lane",
+    names.CUT_BEFORE_START: "the start is not in view",
+    names.CUT_AFTER_END: "the end is not in view",
+    names.SECOND_CHANGE: "a second lane change falls into the window",
+    names.SMALL_SHIFT: "the lateral shift is too small",
+    names.FOLLOWER_AHEAD: "the follower's front is not behind the ego's at the start",
+    names.NO_TARGET_FOLLOWER: "there is no follower on the target lane",
+}
+
+FIT_STATUSES: Final = {
+    names.FITTED: "fitted",
+    names.CLASS_POOL: "class pool",
+    names.POOL: "pool of all",
+    names.TABLE3: "Table 3 means",
+}
+
+PARAMETERS: Final = {
+    "v_desire": "desired speed v_desire",
+    "A": "maximum acceleration A",
+    "b": "own deceleration b",
+    "B": "expected deceleration B",
+    "tau": "reaction time tau",
+    "L": "standstill spacing L",
+}
+
+
+def role(name: str) -> str:
+    """A role as a reader says it: ``target_follower_1`` is "HV 1"."""
+    if name.startswith(names.TARGET_FOLLOWER):
+        return f"HV {name.rsplit('_', 1)[1]}"
+    return {names.EGO: "AV"}.get(name, name.replace("_", " "))

@@ -1,0 +1,173 @@
+"""The data of an event page, packed small: what is drawn, no finer than it is drawn.
+
+A channel (one quantity of one vehicle over the time grid) is rounded to a step, differenced, and stored as
+signed bytes; the step is the resolution asked for, or coarser where the channel moves too fast for a byte.
+Pages that may be shared carry recorded quantities at 0.1 m, 0.1 m/s and 0.1 m/s^2, at most 10 samples a second.
+"""
+
+import base64
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from highd_lc.reporting import labels
+from highd_lc.reporting.event import EventReport, FitTrace, Path, Play, Surface, TrackTrace
+
+FloatArray = NDArray[np.float64]
+
+SAFE_STEP: Final = 0.1
+"""Resolution of recorded quantities on a page that may be shared [m, m/s, m/s^2]."""
+FINE_STEP: Final = 0.01
+_SAFE_PERIOD: Final = 0.1
+_LARGEST_BYTE: Final = 126
+_LEVELS: Final = 65534
+_UNKNOWN: Final = 65535
+
+
+@dataclass(frozen=True)
+class Packed:
+    """Channels as bytes: for each its step, first value, first sample and number of samples."""
+
+    channels: list[list[float]]
+    data: bytes
+
+
+def pack(channels: list[FloatArray], step: float) -> Packed:
+    """Channels (each of shape (n,), NaN only at its ends) as steps, starts and one run of bytes."""
+    heads: list[list[float]] = []
+    runs: list[bytes] = []
+    for values in channels:
+        known = np.flatnonzero(np.isfinite(values))
+        first = int(known[0]) if known.size else 0
+        run = values[first : known[-1] + 1] if known.size else values[:0]
+        head, data = _pack_run(run, step)
+        heads.append([*head, first, run.size])
+        runs.append(data)
+    return Packed(heads, b"".join(runs))
+
+
+def _pack_run(values: FloatArray, step: float) -> tuple[list[float], bytes]:
+    if values.size == 0:
+        return [step, 0], b""
+    filled = np.where(np.isfinite(values), values, 0.0)
+    fastest = float(np.abs(np.diff(filled)).max()) if values.size > 1 else 0.0
+    coarse = max(step, float(f"{fastest / _LARGEST_BYTE:.3g}"))
+    whole = np.rint(filled / coarse)
+    deltas = np.diff(whole, prepend=whole[:1]).astype(np.int8)
+    return [coarse, int(whole[0])], deltas.tobytes()
+
+
+def event_payload(report: EventReport, *, raw: bool = False) -> dict[str, Any]:
+    """What the script of an event page draws, ready for JSON. raw: recorded quantities at full resolution."""
+    step = FINE_STEP if raw else SAFE_STEP
+    return {
+        "id": report.event_id,
+        "dt": report.dt,
+        "v0": _frame_speed(report),
+        "divider": _rounded(report.divider, step),
+        "markings": [_rounded(y, step) for y in report.markings],
+        "shift": _rounded(float(report.event["lateral_shift_m"]), step),
+        "duration": _rounded(float(report.event["duration_s"]), 0.01 if raw else 0.1),
+        "boxes": {r: [round(b.length, 1), round(b.width, 1)] for r, b in report.boxes.items()},
+        "looks": {p: {"label": k.label, "dashed": k.dashed} for p, k in labels.POLICIES.items()},
+        "others": [_other(role, path, report, step) for role, path in report.others.items()],
+        "plays": [_play(play, report, step) for play in report.plays],
+        "surface": None if report.surface is None else _surface(report.surface, report),
+        "fits": {str(rank): _fit(trace, step) for rank, trace in report.fit_traces.items()},
+        "tracks": [_track(trace) for trace in report.track_traces],
+    }
+
+
+def _rounded(value: float, step: float) -> float | None:
+    return round(round(value / step) * step, 3) if np.isfinite(value) else None
+
+
+def _packed(channels: list[FloatArray], step: float) -> dict[str, Any]:
+    packed = pack(channels, step)
+    return {"channels": packed.channels, "data": base64.b64encode(packed.data).decode("ascii")}
+
+
+def _frame_speed(report: EventReport) -> float:
+    return round(report.v0, 1)
+
+
+def _co_moving(path: Path, report: EventReport) -> FloatArray:
+    # Relative to a point that drives at v0: small numbers, small differences, few bytes.
+    return path.x - _frame_speed(report) * report.dt * np.arange(path.x.size)
+
+
+def _other(role: str, path: Path, report: EventReport, step: float) -> dict[str, Any]:
+    return {"role": role, **_packed([_co_moving(path, report), path.y, path.v, path.a], step)}
+
+
+def _play(play: Play, report: EventReport, step: float) -> dict[str, Any]:
+    ego = play.ego
+    channels = [_co_moving(ego, report), ego.y, ego.v, ego.a, play.jerk]
+    for path in play.followers:
+        channels += [_co_moving(path, report), path.y, path.v, path.a]
+    return {
+        "policy": play.policy,
+        "accountings": list(play.accountings),
+        "T": round(play.T, 2) if np.isfinite(play.T) else None,
+        **_packed(channels, step if play.measured else FINE_STEP),
+    }
+
+
+def _fit(trace: FitTrace, step: float) -> dict[str, Any]:
+    recorded = [trace.spacing_recorded, trace.speed_recorded]
+    return {
+        "t0": round(float(trace.t[0]), 2),
+        "dt": round(float(np.median(np.diff(trace.t))), 3) if trace.t.size > 1 else _SAFE_PERIOD,
+        "recorded": _packed(recorded, step),
+        "simulated": _packed([trace.spacing_simulated, trace.speed_simulated], step),
+    }
+
+
+def _track(trace: TrackTrace) -> dict[str, Any]:
+    return {
+        "policy": trace.policy,
+        "plant": trace.plant,
+        "dt": round(float(np.median(np.diff(trace.t))), 3) if trace.t.size > 1 else _SAFE_PERIOD,
+        "errors": _packed([trace.lateral, trace.longitudinal], 1e-4),
+        "inputs": _packed([trace.v, trace.delta], 1e-4),
+    }
+
+
+def _surface(surface: Surface, report: EventReport) -> dict[str, Any]:
+    return {
+        "T": [round(float(T), 2) for T in surface.T],
+        "x": [round(float(x), 2) for x in surface.x_offset],
+        "points": _points(report),
+        "losses": {
+            accounting: {
+                "av": _levels(surface.loss_av[accounting]),
+                "hv": _levels(surface.loss_hv[accounting]),
+                "feasible": _bits(surface.feasible[accounting]),
+            }
+            for accounting in surface.loss_av
+        },
+    }
+
+
+def _points(report: EventReport) -> list[list[Any]]:
+    rows = [row for row in report.plans if row["T"] is not None and np.isfinite(row["T"])]
+    return [
+        [row["policy"], row["accounting"], round(row["T"], 2), round(row["x_final"] - report.v0 * row["T"], 2)]
+        for row in rows
+    ]
+
+
+def _levels(values: FloatArray) -> dict[str, Any]:
+    """A surface as 16-bit levels between its smallest and largest value; the last level is "unknown"."""
+    known = values[np.isfinite(values)]
+    low, high = (float(known.min()), float(known.max())) if known.size else (0.0, 1.0)
+    scale = (high - low) / _LEVELS or 1.0
+    levels = np.where(np.isfinite(values), np.rint((values - low) / scale), _UNKNOWN)
+    data = base64.b64encode(np.nan_to_num(levels, nan=_UNKNOWN).astype("<u2").tobytes()).decode("ascii")
+    return {"low": round(low, 4), "scale": float(f"{scale:.6g}"), "data": data}
+
+
+def _bits(values: NDArray[np.bool_]) -> str:
+    return base64.b64encode(np.packbits(values.ravel(), bitorder="little").tobytes()).decode("ascii")

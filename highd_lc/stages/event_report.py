@@ -1,0 +1,136 @@
+"""One recording's artefacts to the reports of its events: rows as they are, recorded motion on the page's grid."""
+
+from collections import defaultdict
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path as Folder
+from typing import Final
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from highd_lc.io import artefacts
+from highd_lc.reporting import labels
+from highd_lc.reporting.event import Box, EventReport, Path, Play, Row
+from highd_lc.vocab import names
+from highd_lc.vocab.job import Job
+
+FloatArray = NDArray[np.float64]
+Tracks = Mapping[str, pd.DataFrame]
+
+PERIOD: Final = 0.1
+"""Time step of all motions on a page [s]: the planner's, and the finest that a page to be shared may carry."""
+_OTHERS: Final = (names.ORIGIN_LEADER, names.TARGET_LEADER, names.ORIGIN_FOLLOWER)
+_GROUPED: Final = ("plans", "losses", "followers", "tracking")
+
+
+@dataclass(frozen=True)
+class RecordingTables:
+    """What the artefacts hold of one recording; tracks by event and role, other rows by table and event."""
+
+    events: tuple[Row, ...]
+    tracks: Mapping[str, Tracks]
+    boxes: Mapping[int, Box]
+    directions: Mapping[int, int]
+    markings: Mapping[int, FloatArray]
+    rows: Mapping[str, Mapping[str, tuple[Row, ...]]]
+    provenance: tuple[tuple[str, str], ...]
+
+
+def read_tables(job: Job) -> RecordingTables:
+    """Read everything that the pages of a recording's events show."""
+    vehicles = artefacts.read(job.work, "vehicles", recording=job.recording)
+    roads = artefacts.read(job.work, "recordings", recording=job.recording)
+    return RecordingTables(
+        events=tuple(artefacts.read(job.work, "events", recording=job.recording).to_dict("records")),
+        tracks=_by_role(artefacts.read(job.work, "event_tracks", recording=job.recording)),
+        boxes={v.vehicle_id: Box(v.length, v.width) for v in vehicles.itertuples(index=False)},
+        directions=dict(zip(vehicles["vehicle_id"], vehicles["driving_direction"], strict=True)),
+        markings=dict(zip(roads["driving_direction"], roads["markings"], strict=True)),
+        rows={name: _by_event(job.work, name, job.recording) for name in _GROUPED},
+        provenance=_provenance(job),
+    )
+
+
+def _by_event(work: Folder, name: str, recording: int) -> dict[str, tuple[Row, ...]]:
+    groups: dict[str, list[Row]] = defaultdict(list)
+    for row in artefacts.read(work, name, recording=recording).to_dict("records"):
+        groups[row["event_id"]].append(row)
+    return {event_id: tuple(rows) for event_id, rows in groups.items()}
+
+
+def _by_role(tracks: pd.DataFrame) -> dict[str, dict[str, pd.DataFrame]]:
+    roles: dict[str, dict[str, pd.DataFrame]] = defaultdict(dict)
+    for (event_id, role), rows in tracks.groupby(["event_id", "role"], sort=False):
+        roles[event_id][role] = rows
+    return roles
+
+
+def _provenance(job: Job) -> tuple[tuple[str, str], ...]:
+    source = job.provenance
+    inputs = tuple((f"input {name}", digest) for name, digest in sorted(source.inputs.items()))
+    return (("code version", source.code), ("settings hash", source.settings), ("seed", str(source.seed)), *inputs)
+
+
+def recorded_report(event: Row, tables: RecordingTables, horizon_s: float) -> EventReport:
+    """The report of an event with what was recorded and tabulated; the policies' motions come on top."""
+    event_id = str(event["event_id"])
+    tracks = tables.tracks[event_id]
+    paths = _paths(tracks, PERIOD * np.arange(round(horizon_s / PERIOD) + 1))
+    ego = tracks[names.EGO]
+    divider = _divider(event, ego)
+    of_event = {name: rows.get(event_id, ()) for name, rows in tables.rows.items()}
+    return EventReport(
+        event=event,
+        v0=float(np.interp(0.0, ego["t"], ego["vx"])),
+        dt=PERIOD,
+        divider=divider,
+        markings=_markings(event, tables, divider),
+        boxes={role: tables.boxes[int(rows["vehicle_id"].iloc[0])] for role, rows in tracks.items()},
+        others={role: paths[role] for role in _OTHERS if role in paths},
+        plays=(_recorded_play(event, paths),),
+        plans=of_event["plans"],
+        losses=of_event["losses"],
+        fits=of_event["followers"],
+        tracking=of_event["tracking"],
+        provenance=tables.provenance,
+    )
+
+
+def _paths(tracks: Tracks, grid: FloatArray) -> dict[str, Path]:
+    return {role: _path(rows, grid) for role, rows in tracks.items()}
+
+
+def _path(rows: pd.DataFrame, grid: FloatArray) -> Path:
+    t = rows["t"].to_numpy()
+    columns = (rows[name].to_numpy() for name in ("x", "y", "vx", "ax"))
+    return Path(*(np.interp(grid, t, values, left=np.nan, right=np.nan) for values in columns))
+
+
+def _divider(event: Row, ego: pd.DataFrame) -> float:
+    """y of the crossed marking: where the ego's centre passes between the crossing frame and the one before."""
+    period = 1.0 / float(event["frame_rate"])
+    crossing = (event["crossing_frame"] - event["start_frame"]) * period
+    return float(np.interp(crossing - period / 2.0, ego["t"], ego["y"]))
+
+
+def _markings(event: Row, tables: RecordingTables, divider: float) -> tuple[float, ...]:
+    # Lane n lies between markings n - 1 and n, so lanes n and n + 1 share marking n.
+    markings = np.asarray(tables.markings[tables.directions[event["ego_id"]]])
+    crossed = min(event["origin_lane"], event["target_lane"])
+    return tuple((markings - markings[crossed] + divider).tolist())
+
+
+def _recorded_play(event: Row, paths: Mapping[str, Path]) -> Play:
+    ego = paths[names.EGO]
+    ranks = range(1, len(event["follower_ids"]) + 1)
+    return Play(
+        policy=labels.RECORDED,
+        accountings=names.ACCOUNTINGS,
+        T=float(event["duration_s"]),
+        ego=ego,
+        jerk=np.full(ego.x.size, np.nan),
+        followers=tuple(paths[names.target_follower(rank)] for rank in ranks),
+        measured=True,
+    )

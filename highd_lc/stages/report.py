@@ -1,0 +1,135 @@
+"""Report: a page and a picture of each event, then the pages of the whole run."""
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from highd_lc.io import artefacts
+from highd_lc.reporting.event import PAIRS, EventReport
+from highd_lc.reporting.figures_event import EventPainter, event_figure
+from highd_lc.reporting.pages_event import Links, event_page
+from highd_lc.reporting.pages_index import SPARK_SECONDS, IndexTables, index_page
+from highd_lc.stages.event_report import RecordingTables, read_tables, recorded_report
+from highd_lc.vocab import names
+from highd_lc.vocab.errors import UsageError
+from highd_lc.vocab.job import Combination, Job, JobReport, ReportRequest
+from highd_lc.vocab.settings import ReportSettings
+from highd_lc.vocab.tables import TABLES
+
+STAGE = "report"
+_MOST_AUTOMATIC = 500
+"""Up to this many events, ``png = "auto"`` draws all of them."""
+
+
+def choose(work: Path, settings: ReportSettings, *, reports: Path, events: tuple[str, ...] = ()) -> ReportRequest:
+    """What to make: pages of the events named (none named: all), and pictures as the settings ask.
+
+    Raises UsageError if an event is not among the usable ones.
+    """
+    known = artefacts.read(work, "events", columns=["event_id"])["event_id"]
+    for event in events:
+        if event not in set(known):
+            raise UsageError(f"event {event!r}: not among the {len(known)} usable events of {work}")
+    if events:
+        pictures = frozenset() if settings.png == "none" else frozenset(events)
+        return ReportRequest(reports, frozenset(events), pictures)
+    if settings.png == "all" or (settings.png == "auto" and len(known) <= _MOST_AUTOMATIC):
+        return ReportRequest(reports)
+    return ReportRequest(
+        reports, pictures=frozenset() if settings.png == "none" else top_events(work, settings.top)
+    )
+
+
+def top_events(work: Path, count: int) -> frozenset[str]:
+    """The events on which local optimum and benchmark differ most, in either direction (primary cell)."""
+    columns = ["event_id", "policy", "accounting", "loss_total"]
+    losses = artefacts.read(work, "losses", columns=columns)
+    primary = losses[losses["accounting"] == names.PRIMARY_ACCOUNTING]
+    local, benchmark = (
+        primary[primary["policy"] == policy].set_index("event_id")["loss_total"] for policy in PAIRS[names.FIXED]
+    )
+    difference = (1.0 - local / benchmark).abs().dropna().sort_index()
+    return frozenset(difference.nlargest(count).index)
+
+
+def run(job: Job, *, request: ReportRequest) -> JobReport:
+    """Make the pages and pictures of a recording's events, and the part ``event_pages`` that the index draws."""
+    tables = read_tables(job)
+    painter = EventPainter()
+    rows = []
+    for k, event in enumerate(tables.events):
+        if request.events is None or event["event_id"] in request.events:
+            report = recorded_report(event, tables, job.settings.validation.loss.horizon_s)
+            links = _links(tables, k, request)
+            _write_event(report, links, painter, request=request, raw=job.settings.report.raw)
+            rows.append(_page_row(report, job, links))
+    if request.events is None:
+        frame = pd.DataFrame(rows, columns=list(TABLES["event_pages"].column_names))
+        artefacts.write_part(job, STAGE, "event_pages", frame)
+    return JobReport({"pages": len(rows), "pictures": sum(row["png"] for row in rows)})
+
+
+def _links(tables: RecordingTables, k: int, request: ReportRequest) -> Links:
+    ids = [str(event["event_id"]) for event in tables.events]
+    picture = request.pictures is None or ids[k] in request.pictures
+    return Links(
+        previous=ids[k - 1] if k > 0 and request.events is None else None,
+        next=ids[k + 1] if k + 1 < len(ids) and request.events is None else None,
+        png=picture,
+        vector=request.vector if picture else (),
+    )
+
+
+def _write_event(
+    report: EventReport, links: Links, painter: EventPainter, *, request: ReportRequest, raw: bool
+) -> None:
+    folder = request.reports / "events"
+    _write(folder / f"{report.event_id}.html", event_page(report, links, raw=raw).encode("utf-8"))
+    if links.png:
+        _write(folder / f"{report.event_id}.png", painter.png(report))
+    for kind in links.vector:
+        event_figure(report).savefig(folder / f"{report.event_id}.{kind}", format=kind)
+
+
+def _page_row(report: EventReport, job: Job, links: Links) -> dict[str, object]:
+    return {
+        "event_id": report.event_id,
+        "recording_id": job.recording,
+        "png": links.png,
+        "hv1_speed_benchmark": _spark(report, names.BENCHMARK),
+        "hv1_speed_local": _spark(report, names.LOCAL_OPTIMUM),
+    }
+
+
+def _spark(report: EventReport, policy: str) -> list[float]:
+    play = report.play(policy)
+    if play is None or not play.followers:
+        return []
+    times = np.arange(SPARK_SECONDS + 1) / report.dt
+    samples = np.rint(times[times < play.followers[0].v.size]).astype(int)
+    return [round(float(v), 2) for v in play.followers[0].v[samples]]
+
+
+def combine(combination: Combination, *, request: ReportRequest) -> JobReport:
+    """Make the index and the overview pages from the finished artefacts of the whole run."""
+    work, raw = combination.work, combination.settings.report.raw
+    artefacts.concatenate(work, STAGE, "event_pages", combination.recordings, combination.provenance)
+    columns = ["event_id", "policy", "accounting"]
+    tables = IndexTables(
+        events=artefacts.read(work, "events"),
+        crossings=artefacts.read(work, "crossings"),
+        plans=artefacts.read(work, "plans", columns=[*columns, "status"]),
+        losses=artefacts.read(work, "losses", columns=[*columns, "loss_total"]),
+        pages=artefacts.read(work, "event_pages"),
+    )
+    _write(request.reports / "index.html", index_page(tables, raw=raw).encode("utf-8"))
+    return JobReport({"events": len(tables.events)})
+
+
+def _write(path: Path, data: bytes) -> None:
+    """Write to a temporary name and rename: a page is whole or not there."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    temporary = path.with_name(f".{path.name}.tmp")
+    temporary.write_bytes(data)
+    temporary.replace(path)
