@@ -52,7 +52,7 @@ class Plan:
 
 
 @dataclass(frozen=True)
-class Problem:
+class PlanningProblem:
     """An event ready to be planned: its scene, the packed arrays, loss terms, limits, settings."""
 
     scene: Scene
@@ -68,10 +68,10 @@ class Problem:
         return Task(self.packed, self.terms, self.limit, self.settings.planner)
 
 
-def pose(scene: Scene, settings: ValidateSettings) -> Problem:
+def pose(scene: Scene, settings: ValidateSettings) -> PlanningProblem:
     """Pose the planning problem of an event."""
     packed = pack(scene, settings)
-    return Problem(
+    return PlanningProblem(
         scene,
         packed,
         loss_terms(scene, packed.weights, settings.loss),
@@ -87,7 +87,7 @@ def policies(settings: ValidateSettings) -> tuple[str, ...]:
     return names.REFERENCE_POLICIES + names.FIXED_POLICIES + free
 
 
-def plan_all(problem: Problem) -> list[Plan]:
+def plan_all(problem: PlanningProblem) -> list[Plan]:
     """The plans of every policy under every accounting.
 
     An event whose ellipses overlap at t_start already, or without a feasible plan, gives plans with that status.
@@ -99,12 +99,12 @@ def plan_all(problem: Problem) -> list[Plan]:
     return plans + list(_optimal(problem, pools))
 
 
-def goals(problem: Problem) -> list[Goal]:
+def goals(problem: PlanningProblem) -> list[Goal]:
     """What the optimal policies minimise: both weights of the AV under every accounting."""
     return [Goal(a, o) for a in names.ACCOUNTINGS for o in (1.0, problem.settings.loss.omega_av)]
 
 
-def search_pools(problem: Problem) -> dict[str, Pool]:
+def search_pools(problem: PlanningProblem) -> dict[str, Pool]:
     """The candidates of each form; those of the fixed form are part of the free one."""
     pools = {names.FIXED: search(problem.task, goals(problem))}
     if problem.settings.planner.free_form:
@@ -112,7 +112,7 @@ def search_pools(problem: Problem) -> dict[str, Pool]:
     return pools
 
 
-def _optimal(problem: Problem, pools: dict[str, Pool]) -> Iterator[Plan]:
+def _optimal(problem: PlanningProblem, pools: dict[str, Pool]) -> Iterator[Plan]:
     # The same plan is often best under several accountings: replay it once.
     replays: dict[Quintic, Replay] = {}
     for policy, form in FORM_OF.items():
@@ -124,7 +124,9 @@ def _optimal(problem: Problem, pools: dict[str, Pool]) -> Iterator[Plan]:
             yield _best_plan(problem, pools[form], goal, policy, replays)
 
 
-def _best_plan(problem: Problem, pool: Pool, goal: Goal, policy: str, replays: dict[Quintic, Replay]) -> Plan:
+def _best_plan(
+    problem: PlanningProblem, pool: Pool, goal: Goal, policy: str, replays: dict[Quintic, Replay]
+) -> Plan:
     count, rejected = rejections(problem, pool, goal.accounting, free=FORM_OF[policy] == names.FREE)
     best = pool.best(goal)
     if best is None:
@@ -138,7 +140,7 @@ def _best_plan(problem: Problem, pool: Pool, goal: Goal, policy: str, replays: d
     return Plan(policy, goal.accounting, names.SOLVED, quintic, replays[quintic], value, count, rejected, margin)
 
 
-def reference_plans(problem: Problem, policy: str) -> list[Plan]:
+def reference_plans(problem: PlanningProblem, policy: str) -> list[Plan]:
     """A reference policy under every accounting: never rejected, its violations show as negative margins."""
     quintic = None
     if policy == names.CONSTANT:
@@ -162,7 +164,7 @@ def reference_plans(problem: Problem, policy: str) -> list[Plan]:
     ]
 
 
-def stay(problem: Problem) -> Replay:
+def stay(problem: PlanningProblem) -> Replay:
     """No lane change: the AV behind the origin leader, the followers behind the target leader.
 
     Both by LCM; the AV's drive follows the setting ``after`` from t_start on. T counts as ``CONSTANT_T``.
@@ -183,7 +185,7 @@ def stay(problem: Problem) -> Replay:
     return Replay(AvMotion(av.x, av.y, av.vx, av.vy, av.ax, av.jerk, n, samples), x, v, a, to_T, after_T)
 
 
-def overlap_at_start(problem: Problem) -> list[str]:
+def overlap_at_start(problem: PlanningProblem) -> list[str]:
     """Roles whose ellipse overlaps the AV's at t_start already."""
     packed, p = problem.packed, len(problem.packed.follower_x)
     x = np.repeat(packed.follower_x[:, None], len(packed.target_v), axis=1).reshape(p, -1)
@@ -192,7 +194,7 @@ def overlap_at_start(problem: Problem) -> list[str]:
     return [role for role, clearance in zip(problem.roles, at_start, strict=True) if clearance < 0.0]
 
 
-def _infeasible_at_start(problem: Problem) -> Iterator[Plan]:
+def _infeasible_at_start(problem: PlanningProblem) -> Iterator[Plan]:
     packed, p = problem.packed, len(problem.packed.follower_x)
     x = np.repeat(packed.follower_x[:, None], len(packed.target_v), axis=1).reshape(p, -1)
     still = np.zeros(1)
@@ -204,7 +206,7 @@ def _infeasible_at_start(problem: Problem) -> Iterator[Plan]:
                 yield Plan(policy, accounting, names.INFEASIBLE_AT_START, margins=margin)
 
 
-def rejections(problem: Problem, pool: Pool, accounting: str, *, free: bool) -> tuple[int, dict[str, int]]:
+def rejections(problem: PlanningProblem, pool: Pool, accounting: str, *, free: bool) -> tuple[int, dict[str, int]]:
     """Candidates looked at, and how many each constraint rejected; every one counts for its first violation.
 
     Limits of motion are counted on a plain grid over all of T, x_final and v_end (``nominal_rejections``),
@@ -219,7 +221,7 @@ def rejections(problem: Problem, pool: Pool, accounting: str, *, free: bool) -> 
     return nominal["candidates"] + int(kept.sum()), counts
 
 
-def clearance_margins(problem: Problem, played: Replay, accounting: str) -> dict[str, float]:
+def clearance_margins(problem: PlanningProblem, played: Replay, accounting: str) -> dict[str, float]:
     """Smallest clearance to each role over the accounted time [m]; infinite where a role does not count."""
     smallest = played.clearance_to_T
     if accounting != names.PAPER:
@@ -227,7 +229,9 @@ def clearance_margins(problem: Problem, played: Replay, accounting: str) -> dict
     return {f"clearance_{role}": float(c) for role, c in zip(problem.roles, smallest, strict=True)}
 
 
-def plan_margins(problem: Problem, quintic: Quintic | None, played: Replay, accounting: str) -> dict[str, float]:
+def plan_margins(
+    problem: PlanningProblem, quintic: Quintic | None, played: Replay, accounting: str
+) -> dict[str, float]:
     """Margin of every constraint; of the sampled motion where there is no quintic."""
     clearance = clearance_margins(problem, played, accounting)
     if quintic is not None:
@@ -240,7 +244,7 @@ def plan_margins(problem: Problem, quintic: Quintic | None, played: Replay, acco
     } | clearance
 
 
-def closest_margins(problem: Problem, pool: Pool, accounting: str) -> dict[str, float]:
+def closest_margins(problem: PlanningProblem, pool: Pool, accounting: str) -> dict[str, float]:
     """For an infeasible event: the largest margin of each constraint that any candidate of a sample reaches."""
     kept = np.flatnonzero(pool.violation == 0)
     if not len(kept):
@@ -255,7 +259,7 @@ def closest_margins(problem: Problem, pool: Pool, accounting: str) -> dict[str, 
     return closest
 
 
-def _closest_dynamics(problem: Problem) -> dict[str, float]:
+def _closest_dynamics(problem: PlanningProblem) -> dict[str, float]:
     v0, D = problem.scene.v0, problem.scene.lateral_shift
     longest = problem.settings.planner.T_max
     return dynamics.margins(Quintic(v0=v0, D=D, T=longest, x_final=v0 * longest, v_end=v0), problem.limit)

@@ -111,6 +111,9 @@ class CalibrateSettings(Section):
     mutation_probability: Annotated[
         float, Field(ge=0, le=1, description="polynomial mutation probability a variable (paper: 0.05)")
     ] = 0.05
+    screened: Annotated[
+        int, Field(ge=64, le=2**20, description="Sobol points that the screen looks at (SPEED: 2048)")
+    ] = 2048
     min_window_s: Annotated[
         float, Field(gt=0, le=60, description="shortest car-following window that is fitted [s]")
     ] = 3.0
@@ -221,6 +224,10 @@ class Settings(Section):
     model_config = ConfigDict(frozen=True, extra="forbid", populate_by_name=True)
 
     name: Annotated[str, Field(min_length=1, max_length=80, description="name of the pipeline")] = "highd"
+    stages: Annotated[
+        tuple[Literal["ingest", "extract", "calibrate", "validate", "report"], ...],
+        Field(min_length=1, description="the stages in order"),
+    ] = ("ingest", "extract", "calibrate", "validate", "report")
     seed: Annotated[int, Field(ge=0, le=2**63 - 1, description="seed from which every random draw derives")] = 1
     synthetic: SyntheticSettings = SyntheticSettings()
     ingest: IngestSettings = IngestSettings()

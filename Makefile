@@ -1,0 +1,49 @@
+# The one door: every target sets up what it needs. DATA, WORK, REPORTS, WORKERS and PIPELINE pass through.
+PYTHON ?= python3
+VENV ?= .venv
+WORKERS ?= 2
+BIN := $(VENV)/bin
+HIGHD_LC := $(BIN)/highd-lc
+OPTIONS := $(if $(DATA),--data $(DATA)) $(if $(WORK),--work $(WORK)) $(if $(REPORTS),--reports $(REPORTS)) \
+           $(if $(PIPELINE),--pipeline $(PIPELINE)) --workers $(WORKERS)
+# Exit code 4: done, but something was skipped and listed. make passes it as success, in words.
+PASS_4 = || { code=$$?; [ $$code -eq 4 ] && echo "done; what was skipped is listed above (exit code 4)" || exit $$code; }
+
+.PHONY: setup demo ingest extract calibrate validate report synthesize test check bench clean
+
+setup: $(VENV)/.set-up
+$(VENV)/.set-up: pyproject.toml constraints.txt
+	@test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable .
+	@touch $@
+
+$(VENV)/.set-up-dev: $(VENV)/.set-up
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable ".[dev,cluster,vehicle]"
+	@touch $@
+
+demo: setup
+	@$(HIGHD_LC) run --pipeline demo $(if $(WORK),--work $(WORK)) $(if $(REPORTS),--reports $(REPORTS)) --workers $(WORKERS) $(PASS_4)
+
+validate: setup
+	@$(HIGHD_LC) run $(OPTIONS) $(PASS_4)
+
+ingest extract calibrate report: setup
+	@$(HIGHD_LC) $@ $(OPTIONS) $(PASS_4)
+
+synthesize: setup
+	@$(HIGHD_LC) synthesize $(or $(OUT),data/synthetic)
+
+test: $(VENV)/.set-up-dev
+	@$(BIN)/python -m pytest
+
+check: $(VENV)/.set-up-dev
+	@$(BIN)/ruff check .
+	@$(BIN)/ruff format --check .
+	@$(BIN)/mypy
+	@$(BIN)/lint-imports
+
+bench: $(VENV)/.set-up-dev
+	@for file in benchmarks/bench_*.py; do echo "== $$file"; $(BIN)/python $$file || exit 1; done
+
+clean:
+	@rm -rf work build dist

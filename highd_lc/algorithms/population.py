@@ -1,0 +1,88 @@
+"""Statistics over a population of events: paired differences, and intervals by bootstrap over recordings."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class Bootstrap:
+    """How intervals are made: samples drawn, coverage, and the seed of the draws."""
+
+    samples: int
+    confidence: float
+    seed: int
+
+
+@dataclass(frozen=True)
+class Interval:
+    """Lower and upper end; NaN where fewer than two recordings say nothing about their spread."""
+
+    low: float
+    high: float
+
+
+def hodges_lehmann(values: FloatArray) -> float:
+    """Median of the means of all pairs, each value paired with itself too; NaN of nothing.
+
+    Found by bisection on the number of pairs below a level, O(n log n) each, so that n may be thousands.
+    """
+    if len(values) == 0:
+        return np.nan
+    x = np.sort(values)
+    n = len(x)
+    low, high = float(x[0]), float(x[-1])
+    half = (n * (n + 1) // 2 + 1) // 2
+    for _ in range(80):
+        level = 0.5 * (low + high)
+        # Pairs i <= j with x_i + x_j <= 2 level: counted over all ordered pairs, diagonal once more.
+        below = np.searchsorted(x, 2.0 * level - x, side="right")
+        pairs = (int(below.sum()) + int((x <= level).sum())) // 2
+        low, high = (low, level) if pairs >= half else (level, high)
+    return high
+
+
+def shares(difference: FloatArray, band: float) -> tuple[float, float, float]:
+    """Share of relative differences below -band (better), above +band (worse), and in between (tied)."""
+    if len(difference) == 0:
+        return np.nan, np.nan, np.nan
+    better, worse = float(np.mean(difference < -band)), float(np.mean(difference > band))
+    return better, worse, 1.0 - better - worse
+
+
+def recording_sums(recordings: IntArray, *columns: FloatArray) -> FloatArray:
+    """Sum of each column over the events of each recording, shape (columns, recordings)."""
+    _, place = np.unique(recordings, return_inverse=True)
+    return np.stack([np.bincount(place, weights=column) for column in columns])
+
+
+def _draws(count: int, bootstrap: Bootstrap) -> FloatArray:
+    """How often each of ``count`` recordings is drawn, shape (samples, count)."""
+    generator = np.random.default_rng([bootstrap.seed, count])
+    return generator.multinomial(count, np.full(count, 1.0 / count), size=bootstrap.samples).astype(np.float64)
+
+
+def ratio_interval(
+    recordings: IntArray, numerator: FloatArray, denominator: FloatArray, bootstrap: Bootstrap
+) -> Interval:
+    """Interval of sum(numerator) / sum(denominator), recordings drawn with replacement."""
+    sums = recording_sums(recordings, numerator, denominator)
+    if sums.shape[1] < 2:
+        return Interval(np.nan, np.nan)
+    drawn = _draws(sums.shape[1], bootstrap) @ sums.T
+    return _quantiles(drawn[:, 0] / drawn[:, 1], bootstrap)
+
+
+def mean_interval(recordings: IntArray, values: FloatArray, bootstrap: Bootstrap) -> Interval:
+    """Interval of the mean over events, recordings drawn with replacement."""
+    return ratio_interval(recordings, values, np.ones_like(values), bootstrap)
+
+
+def _quantiles(values: FloatArray, bootstrap: Bootstrap) -> Interval:
+    tail = (1.0 - bootstrap.confidence) / 2.0
+    low, high = np.quantile(values, [tail, 1.0 - tail])
+    return Interval(float(low), float(high))

@@ -1,0 +1,136 @@
+"""The command line: parses, loads settings, calls the engine, prints. No logic of its own."""
+
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+
+from highd_lc import engine
+from highd_lc.io import artefacts, synthetic
+from highd_lc.io import settings as settings_file
+from highd_lc.reporting.terminal import lcm_table, matrix_table
+from highd_lc.vocab.errors import HighdLcError, UsageError
+from highd_lc.vocab.settings import Settings
+
+app = typer.Typer(no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False, help=__doc__)
+console = Console()
+errors = Console(stderr=True, soft_wrap=True, highlight=False)
+
+_HIGHD = Path("data/highd")
+
+Pipeline = Annotated[str | None, typer.Option(help="pipeline: TOML file or shipped name")]
+Data = Annotated[Path | None, typer.Option(help="folder of HighD CSVs; default data/highd, else synthetic")]
+Work = Annotated[Path, typer.Option(help="folder of the artefacts")]
+Reports = Annotated[Path, typer.Option(help="folder of the pages")]
+Workers = Annotated[int, typer.Option(min=1, max=256, help="local processes")]
+Scheduler = Annotated[str | None, typer.Option(help="address of a Dask scheduler")]
+Verify = Annotated[bool, typer.Option("--verify", help="hash all inputs instead of trusting size and time")]
+Strict = Annotated[bool, typer.Option("--strict", help="stop at the first bad recording")]
+
+DEFAULT_WORK, DEFAULT_REPORTS = Path("work"), Path("reports")
+
+
+def _go(stage: str, settings: Settings, options: engine.Options) -> None:
+    outcome = engine.run(settings, options, last=stage, console=console)
+    if stage == "calibrate":
+        console.print(lcm_table(artefacts.read(options.work, "summary_lcm")))
+    if stage in ("validate", "report"):
+        console.print(matrix_table(artefacts.read(options.work, "validation_matrix")))
+    if stage == "report":
+        console.print(f"report: {(options.reports / 'index.html').resolve()}", soft_wrap=True)
+    for problem in outcome.problems:
+        errors.print(f"{problem.stage}: {problem.message}", markup=False)
+    if outcome.problems:
+        raise typer.Exit(4)
+
+
+def _settings(pipeline: str | None, data: Path | None) -> Settings:
+    return settings_file.load(settings_file.find_pipeline(pipeline or ("demo" if data is None else "highd")))
+
+
+def _data(data: Path | None) -> Path | None:
+    if data is not None and not data.is_dir():
+        raise UsageError(f"{data}: not a folder; give the folder of the recordings' CSVs")
+    return data or (_HIGHD if _HIGHD.is_dir() and any(_HIGHD.iterdir()) else None)
+
+
+def _stage_command(stage: str, text: str) -> None:
+    def command(
+        pipeline: Pipeline = None,
+        data: Data = None,
+        work: Work = DEFAULT_WORK,
+        reports: Reports = DEFAULT_REPORTS,
+        workers: Workers = 2,
+        scheduler: Scheduler = None,
+        verify: Verify = False,
+        strict: Strict = False,
+    ) -> None:
+        folder = _data(data)
+        options = engine.Options(folder, work, reports, workers, scheduler, verify, strict)
+        _go(stage, _settings(pipeline, folder), options)
+
+    app.command(name=stage if stage != "report" else "run", help=text)(command)
+
+
+_stage_command("ingest", "Read the CSVs into tracks.")
+_stage_command("extract", "Find lane changes and their followers.")
+_stage_command("calibrate", "Fit the LCM to every follower.")
+_stage_command("validate", "Replay every event through planner and MPC.")
+_stage_command("report", "All stages in order, skipping what is up to date.")
+
+
+@app.command()
+def report(
+    pipeline: Pipeline = None,
+    data: Data = None,
+    work: Work = DEFAULT_WORK,
+    reports: Reports = DEFAULT_REPORTS,
+    workers: Workers = 2,
+    scheduler: Scheduler = None,
+    verify: Verify = False,
+    strict: Strict = False,
+    event: Annotated[list[str] | None, typer.Option(help="make only this event's page (repeatable)")] = None,
+    png: Annotated[str | None, typer.Option(help="PNGs: all, top, none, auto")] = None,
+    top: Annotated[int | None, typer.Option(min=1, help="how many events count as top")] = None,
+    raw: Annotated[bool, typer.Option("--raw", help="draw raw coordinates: such pages may not be shared")] = False,
+    vector: Annotated[list[str] | None, typer.Option(help="also pdf or svg of the events drawn")] = None,
+    open_: Annotated[bool, typer.Option("--open", help="open the report in a browser")] = False,
+) -> None:
+    """Make the pages and figures."""
+    folder = _data(data)
+    settings = _settings(pipeline, folder)
+    changes = {"png": png, "top": top, "raw": raw or None}
+    settings = settings_file.with_report(settings, {k: v for k, v in changes.items() if v is not None})
+    if settings.report.raw:
+        errors.print("warning: pages with raw coordinates may not be shared (HighD's licence)")
+    options = engine.Options(
+        folder, work, reports, workers, scheduler, verify, strict, tuple(event or ()), tuple(vector or ())
+    )
+    try:
+        _go("report", settings, options)
+    finally:
+        if open_:
+            typer.launch(str((reports / "index.html").resolve()))
+
+
+@app.command()
+def synthesize(
+    out: Annotated[Path, typer.Argument(help="folder to write to")],
+    recordings: Annotated[int, typer.Option(min=1, max=200, help="number of recordings")] = 3,
+    seconds: Annotated[float, typer.Option(min=5, max=3600, help="length of each [s]")] = 90.0,
+    seed: Annotated[int, typer.Option(min=0, help="seed")] = 1,
+) -> None:
+    """Write synthetic recordings in HighD's format, with their truth beside them."""
+    made = synthetic.synthesize(out, recordings=recordings, seconds=seconds, seed=seed)
+    console.print(f"{len(made)} recordings in {out}", soft_wrap=True)
+
+
+def main() -> None:
+    """Entry point: every known error is one line on stderr and its exit code."""
+    try:
+        app()
+    except HighdLcError as error:
+        errors.print(f"highd-lc: {error}", markup=False)
+        sys.exit(error.exit_code)

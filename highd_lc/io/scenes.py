@@ -1,0 +1,196 @@
+"""Scenes of a recording: from events, event tracks, vehicles and fitted followers to the planner's arrays."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+from scipy.signal import savgol_filter
+
+from highd_lc.core.losses import command_jerk
+from highd_lc.core.resampling import hermite
+from highd_lc.io import artefacts
+from highd_lc.vocab import names
+from highd_lc.vocab.lcm_parameters import PARAMETERS, REPLAY_L_BOUNDS, TABLE3_MEANS
+from highd_lc.vocab.scene import Followers, Human, Motion, Scene
+from highd_lc.vocab.settings import PlannerSettings, ValidateSettings
+
+FloatArray = NDArray[np.float64]
+
+TIME_STEP = 0.1
+"""Step of the planner's time grid [s] (SPEC section 2)."""
+WHEELBASE_SHARE = 0.6
+"""Wheelbase over length of a vehicle; HighD has none (SPEC section 8)."""
+_COLUMNS = ["t", "x", "y", "vx", "vy", "ax", "ay"]
+
+
+@dataclass(frozen=True)
+class _Recording:
+    """The tables of a recording: events, tracks by event and role, sizes by vehicle, fits by event."""
+
+    events: pd.DataFrame
+    tracks: dict[tuple[str, str], dict[str, FloatArray]]
+    sizes: dict[int, tuple[float, float]]
+    fits: dict[str, pd.DataFrame]
+
+
+def load_scenes(work: Path, recording: int, settings: ValidateSettings) -> Iterator[Scene]:
+    """The scenes of a recording's events in the order of the events table."""
+    tables = _load(work, recording)
+    for event in tables.events.itertuples():
+        yield _scene(event, tables, settings)
+
+
+def load_scene(work: Path, event_id: str, settings: ValidateSettings) -> Scene:
+    """The scene of one event. Raises StopIteration's caller error KeyError if there is no such event."""
+    recording = int(event_id.split("-")[0])
+    tables = _load(work, recording)
+    chosen = tables.events[tables.events["event_id"] == event_id]
+    if chosen.empty:
+        raise KeyError(event_id)
+    return _scene(next(chosen.itertuples()), tables, settings)
+
+
+def _load(work: Path, recording: int) -> _Recording:
+    events = artefacts.read(work, "events", recording=recording)
+    rows = artefacts.read(work, "event_tracks", recording=recording)
+    vehicles = artefacts.read(work, "vehicles", recording=recording)
+    followers = artefacts.read(work, "followers", recording=recording)
+    sizes = zip(vehicles["length"], vehicles["width"], strict=True)
+    return _Recording(
+        events,
+        {key: _arrays(part) for key, part in rows.groupby(["event_id", "role"], sort=False)},
+        dict(zip(vehicles["vehicle_id"].tolist(), sizes, strict=True)),
+        {event: fits.sort_values("follower") for event, fits in followers.groupby("event_id", sort=False)},
+    )
+
+
+def _arrays(rows: pd.DataFrame) -> dict[str, FloatArray]:
+    ordered = rows.sort_values("t")
+    return {name: ordered[name].to_numpy(np.float64) for name in _COLUMNS} | {
+        "vehicle_id": ordered["vehicle_id"].to_numpy()[:1]
+    }
+
+
+def _scene(event: object, tables: _Recording, settings: ValidateSettings) -> Scene:
+    event_id = event.event_id
+    ego = tables.tracks[event_id, names.EGO]
+    start = int(np.searchsorted(ego["t"], -1e-9))
+    length, width = tables.sizes[event.ego_id]
+    target_leader = _leader(event_id, names.TARGET_LEADER, tables, settings)
+    return Scene(
+        event_id=event_id,
+        v0=float(ego["vx"][start]),
+        a0=float(ego["ax"][start]),
+        lateral_shift=float(event.lateral_shift_m),
+        length=length,
+        width=width,
+        wheelbase=WHEELBASE_SHARE * length,
+        dt=TIME_STEP,
+        target_leader=target_leader,
+        origin_leader=_leader(event_id, names.ORIGIN_LEADER, tables, settings),
+        origin_follower=_leader(event_id, names.ORIGIN_FOLLOWER, tables, settings),
+        followers=_followers(event_id, tables, target_leader, length, settings),
+        human=_human(event, ego, settings.planner),
+    )
+
+
+def _grid(horizon: float) -> FloatArray:
+    return np.arange(round(horizon / TIME_STEP) + 1) * TIME_STEP
+
+
+def _leader(event_id: str, role: str, tables: _Recording, settings: ValidateSettings) -> Motion | None:
+    track = tables.tracks.get((event_id, role))
+    if track is None or track["t"][-1] < 0.0:
+        return None
+    motion = _motion(track, tables.sizes[int(track["vehicle_id"][0])], settings.loss.horizon_s)
+    if settings.planner.leaders == "recorded":
+        return motion
+    return _predicted(motion, free_road=settings.planner.leaders == "lcm")
+
+
+def _motion(track: dict[str, FloatArray], size: tuple[float, float], horizon: float) -> Motion:
+    """Recorded while in view, then at the last recorded speed."""
+    grid, t = _grid(horizon), track["t"]
+    observed = max(1, int(np.searchsorted(grid, t[-1] + 1e-9, side="right")))
+    seen = np.clip(grid[:observed], t[0], t[-1])
+    unseen = grid[observed:] - t[-1]
+    columns = {}
+    for position, speed in (("x", "vx"), ("y", "vy")):
+        recorded = hermite(t, track[position], track[speed], seen) if len(t) > 1 else track[position][:1]
+        rate = track[speed][-1] if position == "x" else 0.0
+        columns[position] = np.concatenate([recorded, track[position][-1] + rate * unseen])
+    v = np.concatenate([np.interp(seen, t, track["vx"]), np.full(len(unseen), track["vx"][-1])])
+    a = np.concatenate([np.interp(seen, t, track["ax"]), np.zeros(len(unseen))])
+    return Motion(columns["x"], columns["y"], v, a, *size, observed=observed)
+
+
+def _predicted(motion: Motion, *, free_road: bool) -> Motion:
+    """The same vehicle from its state at t_start: at constant speed, or by LCM on a free road (Table 3 means)."""
+    samples = len(motion.x)
+    v = np.full(samples, motion.v[0])
+    if free_road:
+        for k in range(samples - 1):
+            v[k + 1] = v[k] + TABLE3_MEANS.A * (1.0 - v[k] / TABLE3_MEANS.v_desire) * TIME_STEP
+    x = motion.x[0] + np.concatenate([[0.0], np.cumsum(v[1:])]) * TIME_STEP
+    a = np.gradient(v, TIME_STEP)
+    return Motion(x, np.full(samples, motion.y[0]), v, a, motion.length, motion.width, observed=1)
+
+
+def _followers(
+    event_id: str,
+    tables: _Recording,
+    target_leader: Motion | None,
+    ego_length: float,
+    settings: ValidateSettings,
+) -> Followers:
+    fits = tables.fits[event_id]
+    recorded, sizes = [], []
+    for rank in fits["follower"]:
+        track = tables.tracks[event_id, names.target_follower(rank)]
+        sizes.append(tables.sizes[int(track["vehicle_id"][0])])
+        recorded.append(_motion(track, sizes[-1], settings.loss.horizon_s))
+    parameters = _parameters(fits, settings.planner)
+    length, width = np.array(sizes).T
+    return Followers(
+        x=np.array([m.x[0] for m in recorded]),
+        y=np.array([m.y[0] for m in recorded]),
+        v=np.array([m.v[0] for m in recorded]),
+        length=length,
+        width=width,
+        parameters=parameters,
+        L_no_change=_behind_target_leader(parameters[0, -1], target_leader, ego_length),
+        recorded=tuple(recorded),
+    )
+
+
+def _parameters(fits: pd.DataFrame, settings: PlannerSettings) -> FloatArray:
+    """LCM of each follower, L moved behind its leader of the replay, shape (p, 6)."""
+    if settings.parameters == "table3":
+        return np.tile(TABLE3_MEANS.as_array(), (len(fits), 1))
+    names_ = [f"mean_{p}" for p in PARAMETERS] if settings.parameters == "mean" else [*PARAMETERS[:-1], "L_replay"]
+    return fits[names_].to_numpy(np.float64)
+
+
+def _behind_target_leader(L_replay: float, target_leader: Motion | None, ego_length: float) -> float:
+    """L of the first follower where it stays behind the target leader: moved from the ego's length to its."""
+    if target_leader is None:
+        return float(L_replay)
+    return float(np.clip(L_replay - ego_length + target_leader.length, *REPLAY_L_BOUNDS))
+
+
+def _human(event: object, ego: dict[str, FloatArray], settings: PlannerSettings) -> Human:
+    """The recorded path, smoothed by a local cubic (Savitzky-Golay), and its derivatives at the grid's samples."""
+    rate = float(event.frame_rate)
+    grid = np.arange(round(event.duration_s / TIME_STEP) + 1) * TIME_STEP
+    window = min(2 * round(settings.human_smoothing_s * rate / 2.0) + 1, 2 * ((len(ego["t"]) - 1) // 2) + 1)
+    smooth = {}
+    for axis in ("x", "y"):
+        for order, prefix in enumerate(("", "v", "a", "j")):
+            values = savgol_filter(ego[axis], max(window, 5), 3, deriv=order, delta=1.0 / rate, mode="interp")
+            smooth[prefix + axis] = np.interp(grid, ego["t"], values)
+    raw = sum(command_jerk(np.interp(grid, ego["t"], ego[a]), TIME_STEP).sum() for a in ("ax", "ay"))
+    crossing = round((event.crossing_frame - event.start_frame) / rate / TIME_STEP)
+    return Human(**smooth, crossing=int(crossing), comfort_raw=float(raw))

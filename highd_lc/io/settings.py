@@ -1,0 +1,84 @@
+"""Settings from a pipeline's TOML file; every fault is one line with the file, the key and what is allowed."""
+
+import hashlib
+import json
+import tomllib
+from pathlib import Path
+from typing import Any
+
+from pydantic import BaseModel, ValidationError
+
+from highd_lc.vocab.errors import SettingsError
+from highd_lc.vocab.settings import Settings
+
+
+def pipelines_folder() -> Path:
+    """Where the shipped pipelines lie: inside the wheel, or beside the package in a checkout."""
+    package = Path(__file__).parents[1]
+    inside = package / "pipelines"
+    return inside if inside.is_dir() else package.parent / "pipelines"
+
+
+def find_pipeline(name: str) -> Path:
+    """A pipeline by its path, or by its name among the shipped ones. Raises SettingsError if there is none."""
+    given = Path(name)
+    if given.is_file():
+        return given
+    shipped = pipelines_folder() / f"{name.removesuffix('.toml')}.toml"
+    if given.parent == Path() and shipped.is_file():
+        return shipped
+    known = ", ".join(sorted(p.stem for p in pipelines_folder().glob("*.toml")))
+    raise SettingsError(f"{name}: no such pipeline; give a TOML file or one of: {known}")
+
+
+def load(path: Path) -> Settings:
+    """Read and check a pipeline. Raises SettingsError naming file, key and allowed range."""
+    try:
+        values = tomllib.loads(path.read_text(encoding="utf-8"))
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise SettingsError(f"{path}: not valid TOML: {error}") from error
+    except OSError as error:
+        raise SettingsError(f"{path}: cannot be read: {error.strerror}") from error
+    try:
+        return Settings.model_validate(values)
+    except ValidationError as error:
+        raise SettingsError(f"{path}: {_in_one_line(error)}") from error
+
+
+def _in_one_line(error: ValidationError) -> str:
+    first = error.errors()[0]
+    key = ".".join(str(part) for part in first["loc"])
+    if first["type"] == "extra_forbidden":
+        return f"{key}: unknown setting; allowed here: {', '.join(_siblings(first['loc']))}"
+    return f"{key} = {first['input']!r}: {first['msg']}"
+
+
+def _siblings(location: tuple[int | str, ...]) -> list[str]:
+    model: Any = Settings
+    for part in location[:-1]:
+        found = {(field.alias or name): field for name, field in model.model_fields.items()}.get(str(part))
+        if found is None or not isinstance(found.annotation, type) or not issubclass(found.annotation, BaseModel):
+            return []
+        model = found.annotation
+    return sorted(field.alias or name for name, field in model.model_fields.items())
+
+
+def digest(*models: BaseModel | int | str) -> str:
+    """A hash of settings, the same for equal values in any run."""
+    values = [m.model_dump(mode="json", by_alias=True) if isinstance(m, BaseModel) else m for m in models]
+    return hashlib.sha256(json.dumps(values, sort_keys=True).encode()).hexdigest()[:16]
+
+
+def resolved(settings: Settings) -> str:
+    """The settings with every default filled in, as JSON to be kept beside the results."""
+    return json.dumps(settings.model_dump(mode="json", by_alias=True), indent=2, sort_keys=True) + "\n"
+
+
+def with_report(settings: Settings, changes: dict[str, Any]) -> Settings:
+    """The settings with some of the report's replaced. Raises SettingsError if one is not allowed."""
+    try:
+        return settings.model_copy(
+            update={"report": type(settings.report).model_validate(settings.report.model_dump() | changes)}
+        )
+    except ValidationError as error:
+        raise SettingsError(f"command line: report.{_in_one_line(error)}") from error

@@ -1,0 +1,209 @@
+"""Population tables from the losses of all events: the validation matrix and the paired summary."""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from highd_lc.algorithms.population import (
+    Bootstrap,
+    hodges_lehmann,
+    mean_interval,
+    ratio_interval,
+    shares,
+)
+from highd_lc.io import artefacts
+from highd_lc.vocab import names
+from highd_lc.vocab.settings import StatisticsSettings
+from highd_lc.vocab.tables import TABLES
+
+_PAIR_OF_FORM = {
+    names.FIXED: names.FIXED_POLICIES,
+    names.FREE: names.FREE_POLICIES,
+}
+_COMPARED = (
+    (names.LOCAL_OPTIMUM, names.BENCHMARK),
+    (names.LOCAL_OPTIMUM_FREE, names.BENCHMARK_FREE),
+    (names.LOCAL_OPTIMUM, names.HUMAN),
+    (names.BENCHMARK, names.HUMAN),
+    (names.LOCAL_OPTIMUM, names.NO_LANE_CHANGE),
+    (names.LOCAL_OPTIMUM, names.CONSTANT),
+    (names.BENCHMARK_FREE, names.BENCHMARK),
+    (names.LOCAL_OPTIMUM_FREE, names.LOCAL_OPTIMUM),
+)
+_QUANTITIES = (
+    "loss_total",
+    "loss_av",
+    "loss_hv",
+    "av_comfort",
+    "av_efficiency",
+    "hv_comfort",
+    "hv_efficiency",
+    "min_gap_m",
+    "min_time_headway_s",
+    "min_ttc_s",
+    "max_drac",
+    "peak_follower_decel",
+)
+_SPACINGS = ((0, 15), (15, 30), (30, 60), (60, np.inf))
+_CLOSING = ((-np.inf, -2), (-2, 2), (2, np.inf))
+_SPEEDS = ((0, 15), (15, 25), (25, 33), (33, np.inf))
+
+
+def situations(work: Path) -> pd.DataFrame:
+    """What strata are made of: one row an event, indexed by event_id (see ``strata``)."""
+    events = artefacts.read(work, "events").set_index("event_id")
+    vehicles = artefacts.read(work, "vehicles").set_index(["recording_id", "vehicle_id"])["length"]
+    rows = artefacts.read(work, "event_tracks", columns=["event_id", "role", "t", "x", "vx"])
+    start = rows[rows["t"].abs() < 1e-9].set_index(["event_id", "role"])
+    ego = start.xs(names.EGO, level="role")
+    first = start.xs(names.target_follower(1), level="role")
+    follower = events["follower_ids"].map(lambda ids: int(ids[0]))
+    lengths = [
+        vehicles.reindex(pd.MultiIndex.from_arrays([events["recording_id"], ids])).to_numpy()
+        for ids in (events["ego_id"], follower)
+    ]
+    events["n_followers"] = events["follower_ids"].map(len)
+    events["spacing_m"] = (ego["x"] - first["x"]).reindex(events.index) + (lengths[0] - lengths[1]) / 2.0
+    events["closing_mps"] = (first["vx"] - ego["vx"]).reindex(events.index)
+    events["speed_mps"] = ego["vx"].reindex(events.index)
+    return events
+
+
+def strata(events: pd.DataFrame) -> dict[str, pd.Series]:
+    """Which events belong to each stratum: all, and the classes of each stratification (SPEC section 12).
+
+    events: one row an event, with ego_class, direction, n_followers, spacing_m (ego to first follower, front to
+    front), closing_mps (first follower minus ego) and speed_mps (ego) at t_start.
+    """
+    found = {"all": pd.Series(True, index=events.index)}
+    for column, label in (("ego_class", "class"), ("direction", "direction"), ("n_followers", "followers")):
+        for value in sorted(events[column].unique()):
+            found[f"{label}={value}"] = events[column] == value
+    for column, label, bins in (
+        ("spacing_m", "spacing", _SPACINGS),
+        ("closing_mps", "closing", _CLOSING),
+        ("speed_mps", "speed", _SPEEDS),
+    ):
+        for low, high in bins:
+            inside = (events[column] >= low) & (events[column] < high)
+            if inside.any():
+                found[f"{label}={_range(low, high)}"] = inside
+    return found
+
+
+def _range(low: float, high: float) -> str:
+    if np.isinf(low):
+        return f"below {high:g}"
+    return f"from {low:g}" if np.isinf(high) else f"{low:g} to {high:g}"
+
+
+def validation_matrix(
+    events: pd.DataFrame, losses: pd.DataFrame, settings: StatisticsSettings, *, seed: int
+) -> pd.DataFrame:
+    """Gain of the local optimum over the benchmark in every cell: form x accounting x stratum.
+
+    events: see ``strata``, indexed by event_id; losses: the artefact. Events without a feasible plan of either
+    policy count in n_events and infeasible, not in the totals.
+    """
+    bootstrap = Bootstrap(settings.bootstrap, settings.confidence, seed)
+    rows = []
+    for form, (benchmark, local) in _PAIR_OF_FORM.items():
+        for accounting in names.ACCOUNTINGS:
+            chosen = losses[losses["accounting"] == accounting]
+            pair = _paired(chosen, local, benchmark)
+            if pair.empty:
+                continue
+            for stratum, members in strata(events).items():
+                of_stratum = pair.reindex(members.index[members])
+                row = {"form": form, "accounting": accounting, "stratum": stratum}
+                rows.append(row | _cell(of_stratum, bootstrap, settings.tie_band))
+    return pd.DataFrame(rows, columns=list(TABLES["validation_matrix"].column_names))
+
+
+def _paired(losses: pd.DataFrame, policy: str, against: str) -> pd.DataFrame:
+    """One row an event: the losses of both policies side by side, suffixes _1 (policy) and _0 (against)."""
+    one = losses[losses["policy"] == policy].set_index("event_id")
+    other = losses[losses["policy"] == against].set_index("event_id")
+    if one.empty or other.empty:
+        return pd.DataFrame()
+    return one.join(other, lsuffix="_1", rsuffix="_0", how="inner")
+
+
+def _cell(pair: pd.DataFrame, bootstrap: Bootstrap, band: float) -> dict[str, Any]:
+    solved = pair[pair["loss_total_1"].notna() & pair["loss_total_0"].notna()]
+    local, benchmark = solved["loss_total_1"].to_numpy(), solved["loss_total_0"].to_numpy()
+    relative = local / benchmark - 1.0
+    recordings = solved["recording_id_1"].to_numpy()
+    better, worse, tied = shares(relative, band)
+    ratio = ratio_interval(recordings, local, benchmark, bootstrap)
+    return {
+        "n_events": len(pair),
+        "n_recordings": int(pair["recording_id_1"].nunique()),
+        "total_benchmark": float(benchmark.sum()),
+        "total_local": float(local.sum()),
+        "gain": _gain(solved, "loss_total"),
+        "gain_low": 1.0 - ratio.high,
+        "gain_high": 1.0 - ratio.low,
+        "gain_hv": _gain(solved, "loss_hv"),
+        "gain_av": _gain(solved, "loss_av"),
+        "median_difference": float(np.median(relative)) if len(relative) else np.nan,
+        "hodges_lehmann": hodges_lehmann(relative),
+        "share_differ": 1.0 - tied,
+        "share_better": better,
+        "share_worse": worse,
+        "share_worst_follower_worse": _share_somebody_worse(solved, band),
+        "infeasible": len(pair) - len(solved),
+    }
+
+
+def _gain(pair: pd.DataFrame, column: str) -> float:
+    total = pair[f"{column}_0"].sum()
+    return float(1.0 - pair[f"{column}_1"].sum() / total) if total > 0.0 else np.nan
+
+
+def _share_somebody_worse(pair: pd.DataFrame, band: float) -> float:
+    if pair.empty:
+        return np.nan
+    each = zip(pair["loss_hv_each_1"], pair["loss_hv_each_0"], strict=True)
+    return float(np.mean([np.any(np.asarray(a) > np.asarray(b) * (1.0 + band)) for a, b in each]))
+
+
+def summarise_losses(losses: pd.DataFrame, settings: StatisticsSettings, *, seed: int) -> pd.DataFrame:
+    """Paired differences of policies in every loss and safety column, under every accounting."""
+    bootstrap = Bootstrap(settings.bootstrap, settings.confidence, seed)
+    rows = [
+        {"policy": policy, "against": against, "accounting": accounting, **row}
+        for accounting, chosen in losses.groupby("accounting", sort=True)
+        for policy, against in _COMPARED
+        for row in _differences(_paired(chosen, policy, against), bootstrap, settings.tie_band)
+    ]
+    return pd.DataFrame(rows, columns=list(TABLES["summary_losses"].column_names))
+
+
+def _differences(pair: pd.DataFrame, bootstrap: Bootstrap, band: float) -> Iterator[dict[str, Any]]:
+    for quantity in _QUANTITIES if not pair.empty else ():
+        both = pair[[f"{quantity}_1", f"{quantity}_0", "recording_id_1"]].dropna()
+        one, other = both[f"{quantity}_1"].to_numpy(float), both[f"{quantity}_0"].to_numpy(float)
+        if not len(both):
+            continue
+        difference = one - other
+        scale = np.where(np.abs(other) > 0.0, np.abs(other), 1.0)
+        better, worse, tied = shares(difference / scale, band)
+        interval = mean_interval(both["recording_id_1"].to_numpy(), difference, bootstrap)
+        yield {
+            "quantity": quantity,
+            "n": len(both),
+            "mean": float(one.mean()),
+            "mean_against": float(other.mean()),
+            "ratio_of_sums": float(one.sum() / other.sum()) if other.sum() else np.nan,
+            "median_difference": float(np.median(difference)),
+            "hodges_lehmann": hodges_lehmann(difference),
+            "difference_low": interval.low,
+            "difference_high": interval.high,
+            "share_better": better,
+            "share_worse": worse,
+            "share_tied": tied,
+        }

@@ -1,0 +1,188 @@
+"""Validate: every event through the planner and the MPC, scored under every accounting; then the population."""
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from highd_lc.algorithms import planner, scoring
+from highd_lc.algorithms.planner import Plan, PlanningProblem
+from highd_lc.algorithms.replay import Replay
+from highd_lc.algorithms.tracked_motion import loss_av, planned_motion, tracked_motion, violations
+from highd_lc.algorithms.tracker import track
+from highd_lc.core.quintic import sample
+from highd_lc.io import artefacts
+from highd_lc.io.scenes import load_scenes
+from highd_lc.io.statistics import situations, summarise_losses, validation_matrix
+from highd_lc.vocab import names
+from highd_lc.vocab.job import Combination, Job, JobReport, Problem
+from highd_lc.vocab.scene import Scene
+from highd_lc.vocab.tables import TABLES
+from highd_lc.vocab.tracking import KINEMATIC, Reference
+
+STAGE = "validate"
+PART_TABLES = ("plans", "losses", "tracking")
+
+Row = dict[str, Any]
+
+
+def run(job: Job) -> JobReport:
+    """Plan, score and track every event of a recording; write the parts ``plans``, ``losses``, ``tracking``."""
+    rows: dict[str, list[Row]] = {name: [] for name in PART_TABLES}
+    problems = []
+    for scene in load_scenes(job.work, job.recording, job.settings.validation):
+        try:
+            for name, row in _event_rows(scene, job):
+                rows[name].append({"event_id": scene.event_id, "recording_id": job.recording, **row})
+        except (ValueError, ArithmeticError) as error:
+            # One bad event never stops the others: it is listed with its reason.
+            problems.append(Problem(job.recording, STAGE, f"{scene.event_id}: {error}"))
+    for name, found in rows.items():
+        artefacts.write_part(job, STAGE, name, _frame(name, found))
+    return JobReport({name: len(found) for name, found in rows.items()}, tuple(problems))
+
+
+def _frame(name: str, rows: list[Row]) -> pd.DataFrame:
+    return pd.DataFrame(rows, columns=list(TABLES[name].column_names), dtype=None if rows else object)
+
+
+def _event_rows(scene: Scene, job: Job) -> Iterator[tuple[str, Row]]:
+    problem = planner.pose(scene, job.settings.validation)
+    plans = planner.plan_all(problem)
+    unchanged = next(p for p in plans if p.policy == names.NO_LANE_CHANGE)
+    for plan in plans:
+        yield "plans", _plan_row(problem, plan)
+        yield "losses", _loss_row(problem, plan, unchanged)
+        if plan.accounting == names.PRIMARY_ACCOUNTING and plan.policy != names.NO_LANE_CHANGE:
+            yield "tracking", _tracking_row(problem, plan)
+
+
+def _plan_row(problem: PlanningProblem, plan: Plan) -> Row:
+    clearances = [margin for name, margin in plan.margins.items() if name.startswith("clearance_")]
+    return {
+        "policy": plan.policy,
+        "accounting": plan.accounting,
+        **_shape(problem, plan),
+        "status": plan.status,
+        "at_bound": _at_bound(problem, plan),
+        "rejected_by": plan.rejected_by,
+        "candidates": plan.candidates,
+        "min_clearance_m": _finite(min(clearances, default=np.nan)) if plan.replay else np.nan,
+        "margins": {name: float(margin) for name, margin in plan.margins.items() if np.isfinite(margin)},
+        "violations": _violated(plan),
+        "contact_after_T": None if plan.replay is None else bool((plan.replay.clearance_after_T < 0.0).any()),
+        "start_acceleration_jump": problem.scene.a0,
+        "objective": plan.objective,
+    }
+
+
+def _shape(problem: PlanningProblem, plan: Plan) -> Row:
+    """T, x_final and v_end: of the quintic, or of the motion where there is none."""
+    if plan.replay is None:
+        return {"T": np.nan, "x_final": np.nan, "v_end": np.nan}
+    if plan.quintic is not None:
+        return {"T": plan.quintic.T, "x_final": plan.quintic.x_final, "v_end": plan.quintic.v_end}
+    av = plan.replay.av
+    T = round(av.n * problem.scene.dt, 10)
+    return {"T": T, "x_final": float(av.x[av.n]), "v_end": float(av.vx[av.n])}
+
+
+def _at_bound(problem: PlanningProblem, plan: Plan) -> list[str]:
+    if plan.status != names.SOLVED or plan.quintic is None:
+        return []
+    settings = problem.settings.planner
+    edge = [b for b in (settings.T_min, settings.T_max) if abs(plan.quintic.T - b) < 1e-9]
+    return (["T"] if edge else []) + plan.at_bound
+
+
+def _violated(plan: Plan) -> list[str]:
+    if plan.status != names.REFERENCE:
+        return []
+    return [name for name, margin in plan.margins.items() if margin < 0.0]
+
+
+def _finite(value: float) -> float:
+    return value if np.isfinite(value) else np.nan
+
+
+def _loss_row(problem: PlanningProblem, plan: Plan, unchanged: Plan) -> Row:
+    row = {"policy": plan.policy, "accounting": plan.accounting, "recorded_n_samples": 0}
+    if plan.replay is None:
+        return row
+    dt, terms, settings = problem.scene.dt, problem.terms, problem.settings.loss
+    n, last = plan.replay.av.n, len(plan.replay.av.x) - 1
+    _, charged = scoring.charged_samples(plan.accounting, n, last)
+    losses = scoring.cumulative_losses(plan.replay, terms, settings, dt)
+    row |= scoring.losses_at(losses, plan.accounting, terms, n=n, dt=dt)
+    row["loss_hv_increment"] = row["loss_hv"] - _hv_loss(problem, unchanged.replay, charged)
+    if plan.policy == names.HUMAN:
+        recorded = problem.scene.followers.recorded
+        row |= scoring.recorded_loss(recorded, losses, terms, settings, last=charged, dt=dt)
+        row["av_comfort_raw"] = problem.scene.human.comfort_raw / settings.comfort_scale
+    lane = scoring.pairs(plan.replay, problem.packed, joins=plan.policy != names.NO_LANE_CHANGE)
+    row |= scoring.safety(lane, charged)
+    row["peak_follower_decel"] = scoring.peak_deceleration(plan.replay.a, charged)
+    return row
+
+
+def _hv_loss(problem: PlanningProblem, replay: Replay, last: int) -> float:
+    """The followers' loss of a replay charged up to sample ``last``."""
+    losses = scoring.cumulative_losses(replay, problem.terms, problem.settings.loss, problem.scene.dt)
+    both = losses.hv_comfort[:, last] + losses.hv_efficiency[:, last]
+    return float(0.5 * problem.terms.weights @ both)
+
+
+def _tracking_row(problem: PlanningProblem, plan: Plan) -> Row:
+    row = {"policy": plan.policy, "plant": KINEMATIC, "status": plan.status, "qp_failures": 0, "violations": []}
+    if plan.replay is None:
+        return row
+    reference = _reference(problem, plan)
+    result = track(reference, wheelbase=problem.scene.wheelbase, settings=problem.settings.tracking)
+    loss = problem.settings.loss
+    scales = {"v_ref": problem.terms.av_ref, "comfort_scale": loss.comfort_scale}
+    scales |= {"efficiency_scale": loss.efficiency_scale, "one_sided": problem.terms.one_sided}
+    driven, limit = tracked_motion(result), problem.limit
+    broken = violations(
+        driven, v_min=limit.v_min, v_max=limit.v_max, acceleration=limit.acceleration, jerk=limit.jerk
+    )
+    return row | {
+        "status": result.status,
+        "rmse_lateral_m": result.rmse_lateral_m,
+        "max_lateral_m": result.max_lateral_m,
+        "rmse_longitudinal_m": result.rmse_longitudinal_m,
+        "rmse_heading_rad": result.rmse_heading_rad,
+        "max_slack": result.max_slack,
+        "qp_failures": result.qp_failures,
+        "loss_av_tracked": loss_av(driven, **scales).loss,
+        "loss_av_planned": loss_av(planned_motion(reference), **scales).loss,
+        "violations": list(broken),
+    }
+
+
+def _reference(problem: PlanningProblem, plan: Plan) -> Reference:
+    """The planned motion over 0 .. T as the controller's reference."""
+    av = plan.replay.av
+    used = slice(0, av.n + 1)
+    if plan.quintic is not None:
+        s = sample(plan.quintic, np.arange(av.n + 1) * problem.scene.dt)
+        return Reference(problem.scene.dt, s.x, s.y, s.vx, s.vy, s.ax, s.ay)
+    human = problem.scene.human
+    return Reference(
+        problem.scene.dt, av.x[used], av.y[used], av.vx[used], av.vy[used], human.ax[used], human.ay[used]
+    )
+
+
+def combine(combination: Combination) -> JobReport:
+    """Join the parts, then write the population's statistics: validation matrix and loss summary."""
+    for name in PART_TABLES:
+        artefacts.concatenate(combination.work, STAGE, name, combination.recordings, combination.provenance)
+    events = situations(combination.work)
+    losses = artefacts.read(combination.work, "losses")
+    settings, seed = combination.settings.validation.statistics, combination.settings.seed
+    matrix = validation_matrix(events, losses, settings, seed=seed)
+    summary = summarise_losses(losses, settings, seed=seed)
+    for name, frame in (("validation_matrix", matrix), ("summary_losses", summary)):
+        table = artefacts.to_arrow(name, frame, combination.provenance)
+        artefacts.write(artefacts.path_of(combination.work, name), table)
+    return JobReport({"events": len(events), "cells": len(matrix)})
