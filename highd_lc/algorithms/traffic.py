@@ -3,7 +3,7 @@
 Every driver follows by the LCM (``core.lcm``) with parameters of its own. A driver considers to change lane at
 times of its own and does so if that raises its LCM acceleration enough and neither it nor its new follower
 would have to brake hard. Whoever changes lane watches the leaders of both lanes until its centre crosses the
-marking; its new follower follows it from the start of the path or from the crossing, by choice. The lateral
+marking, and its new follower follows it from the start of the path on, as the planner assumes. The lateral
 path is a quintic polynomial from the present lateral state to the place in the target lane.
 """
 
@@ -37,7 +37,7 @@ _ENTRY_SPEED = 0.93  # speed on entering a free road, as a share of the desired 
 _ROWS_A_BLOCK = 65536
 
 
-def simulate(drivers: Drivers, road: Road, clock: Clock, *, react_from_start: bool) -> Passage:
+def simulate(drivers: Drivers, road: Road, clock: Clock) -> Passage:
     """Drive all vehicles through the carriageway and record what is in view, frame by frame.
 
     The state is recorded before the step that starts at it: position, speed and the acceleration commanded
@@ -48,7 +48,7 @@ def simulate(drivers: Drivers, road: Road, clock: Clock, *, react_from_start: bo
     step, last_step = -clock.warm_up_steps, clock.frames * clock.steps_per_frame
     while step < last_step:
         block = np.empty((_ROWS_A_BLOCK, len(ROW_COLUMNS)))
-        step, n = _advance(step, traffic, road, clock, block, react_from_start)
+        step, n = _advance(step, traffic, road, clock, block)
         blocks.append(block[:n])
     for vehicle in traffic.order[: traffic.counts[0]]:
         if traffic.vehicles[vehicle]["moving"]:
@@ -59,16 +59,14 @@ def simulate(drivers: Drivers, road: Road, clock: Clock, *, react_from_start: bo
 
 
 @njit(cache=True, nogil=True)
-def _advance(
-    step: int, traffic: Traffic, road: Road, clock: Clock, rows: FloatArray, react_from_start: bool
-) -> tuple[int, int]:
+def _advance(step: int, traffic: Traffic, road: Road, clock: Clock, rows: FloatArray) -> tuple[int, int]:
     """Simulate until the end or until the rows might not hold another frame: (next step, rows written)."""
     n_rows = 0
     while step < clock.frames * clock.steps_per_frame and n_rows + traffic.counts[0] < len(rows):
         time = step * clock.dt
         _enter(traffic, road, time)
         _sort_downstream_first(traffic)
-        _accelerate(traffic, react_from_start)
+        _accelerate(traffic)
         if step >= 0 and step % clock.steps_per_frame == 0:
             n_rows = _record(traffic, road, step // clock.steps_per_frame, rows, n_rows)
         _steer(traffic, road, time)
@@ -116,7 +114,7 @@ def _sort_downstream_first(traffic: Traffic) -> None:
 
 
 @njit(cache=True, nogil=True)
-def _accelerate(traffic: Traffic, react_from_start: bool) -> None:
+def _accelerate(traffic: Traffic) -> None:
     """LCM behind the last vehicle met on each lane, from downstream on; the harder braking of two lanes."""
     vehicles, last = traffic.vehicles, traffic.last
     for lane in range(len(last)):
@@ -127,8 +125,7 @@ def _accelerate(traffic: Traffic, react_from_start: bool) -> None:
         me.a = lcm_behind(vehicles, vehicle, last[me.lane])
         if me.beside >= 0:
             me.a = min(me.a, lcm_behind(vehicles, vehicle, last[me.beside]))
-            if react_from_start:
-                last[me.beside] = vehicle
+            last[me.beside] = vehicle
         last[me.lane] = vehicle
 
 

@@ -19,16 +19,16 @@ _CAR_LCM = {"A": (4.6, 0.15), "b": (6.8, 0.08), "tau": (0.90, 0.22), "L": (4.85,
 _TRUCK_LCM = {"A": (3.2, 0.12), "b": (6.5, 0.08), "tau": (1.15, 0.20), "L": (5.0, 0.03)}
 # A driver uses and expects similar decelerations: B = b - 0.4 +- 0.3 keeps s* from collapsing at speed.
 _B_BELOW_b = (0.4, 0.3)
-_CAR_V_DESIRE = (33.8, 2.2)
-_LANE_SHIFT = 2.5
-_TRUCK_V_DESIRE = (25.2, 0.9)
+_CAR_V_DESIRE = (34.8, 2.2)
+_LANE_SHIFT = 2.0
+_TRUCK_V_DESIRE = (25.5, 0.9)
 _SHORTEST_TIME_HEADWAY = 1.0
 
 
 @dataclass(frozen=True)
 class Inflow:
     """Traffic that enters a carriageway: flow a lane [veh/h], share of trucks, how often a driver considers a
-    change [1/s], share of changes broken off, and the time until which vehicles arrive [s] from start [s]."""
+    change [1/s], share of changes broken off, and the time from start to end in which vehicles arrive [s]."""
 
     flow: float
     truck_share: float
@@ -122,8 +122,11 @@ def _lcm(draws: _Uniforms, truck: BoolArray, *, shift: float) -> dict[str, Float
 
 
 def _manners(draws: _Uniforms, truck: BoolArray, return_share: float) -> dict[str, FloatArray]:
-    """How each changes lane. Durations are log-normal about HighD's medians (5.55 s cars, 6.08 s trucks)."""
-    median = np.where(truck, 6.08, 5.55)[:, None]
+    """How each changes lane. Durations are log-normal.
+
+    Short changes are more often seen whole; those that are have about HighD's mean (5.70 s cars, 6.22 s trucks).
+    """
+    median = np.where(truck, 6.45, 5.95)[:, None]
     pause = draws.take(MAX_CHANGES)
     return {
         "gain": 0.05 + 0.25 * draws.take(),

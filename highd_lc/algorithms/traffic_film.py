@@ -15,6 +15,7 @@ from highd_lc.algorithms.traffic_view import add_sines
 from highd_lc.vocab.recorder import RecorderSettings
 
 _UPSTREAM, _DOWNSTREAM = 700.0, 300.0
+_END_ZONE = 20.0  # where vehicles are cut by the edge of the picture [m] (HIGHD, pitfall 3)
 _LONGEST_STEP = 0.04
 _WARM_UP_SECONDS = 70
 # Streams of random numbers of a carriageway: its lanes use 0, 1, ...
@@ -44,14 +45,21 @@ class Film:
 
 
 def film_carriageway(
-    markings: FloatArray, key: tuple[int, ...], *, flow: float, seconds: float, settings: RecorderSettings
+    markings: FloatArray,
+    key: tuple[int, ...],
+    *,
+    flow: float,
+    acceleration_bias: float,
+    seconds: float,
+    settings: RecorderSettings,
 ) -> Film:
     """Film a carriageway.
 
     markings: y of the lane markings from the right edge, 0 first [m]; key: (seed, recording, carriageway); flow:
-    inflow a lane [veh/h]; seconds: length of the film.
+    inflow a lane [veh/h]; acceleration_bias: error of the forward accelerations seen [m/s^2]; seconds: length of
+    the film.
     """
-    road = Road(np.asarray(markings, dtype=np.float64), _UPSTREAM, settings.section_m, _DOWNSTREAM)
+    road = Road(markings, _UPSTREAM, settings.section_m, _DOWNSTREAM)
     clock = _clock(settings.frame_rate, seconds)
     inflow = Inflow(
         flow,
@@ -62,13 +70,14 @@ def film_carriageway(
         end=seconds,
     )
     drivers = draw_drivers([np.random.default_rng((*key, lane)) for lane in range(len(markings) - 1)], inflow)
-    reacts = settings.followers_react_from == "start"
-    passage = simulate(drivers, road, clock, react_from_start=reacts)
+    passage = simulate(drivers, road, clock)
     driver, frame = passage.rows[:, 0].astype(np.int64), passage.rows[:, 1].astype(np.int64)
     time = frame / settings.frame_rate
     true = np.ascontiguousarray(passage.rows[:, 2:])
     add_sines(true[:, 3:], time, driver=driver, sines=drivers.sway, deviation=settings.wander_m)
     seen = _seen(true, time, driver, key=key, drivers=drivers, settings=settings)
+    seen[:, 1] -= settings.end_speed_error_mps * _closeness_to_ends(true[:, 0], road.section)
+    seen[:, 2] += acceleration_bias
     return Film(drivers, road, clock.frames, driver, frame, true, seen, passage.paths)
 
 
@@ -76,6 +85,12 @@ def _clock(frame_rate: float, seconds: float) -> Clock:
     steps = int(np.ceil(1 / (frame_rate * _LONGEST_STEP) - 1e-9))
     dt = 1 / (frame_rate * steps)
     return Clock(dt, steps, round(_WARM_UP_SECONDS / dt), max(round(seconds * frame_rate), 1))
+
+
+def _closeness_to_ends(x: FloatArray, section: float) -> FloatArray:
+    """1 at the ends of the section, falling to 0 within ``_END_ZONE``."""
+    closeness: FloatArray = np.maximum(1 - np.minimum(x, section - x) / _END_ZONE, 0) ** 2
+    return closeness
 
 
 def _seen(

@@ -80,9 +80,15 @@ def simulate_recording(recording: int, seconds: float, seed: int, *, settings: R
     rng = np.random.default_rng((seed, recording, 0))
     site = _draw_site(rng, settings)
     flow = settings.flow_veh_per_h * (1 + settings.flow_spread * rng.uniform(-1, 1))
+    bias = settings.acceleration_bias_mps2 * rng.uniform(-1, 1)
     films = {
         direction: film_carriageway(
-            site.markings(direction), (seed, recording, direction), flow=flow, seconds=seconds, settings=settings
+            site.markings(direction),
+            (seed, recording, direction),
+            flow=flow,
+            acceleration_bias=bias if direction == 1 else -bias,
+            seconds=seconds,
+            settings=settings,
         )
         for direction in DIRECTIONS
     }
@@ -95,11 +101,8 @@ def truth_of(scene: Scene, frame_rate: float) -> tuple[pd.DataFrame, pd.DataFram
         (truth_table(film, scene.tracks.ids[d], frame_rate=frame_rate), drivers_table(film, scene.tracks.ids[d]))
         for d, film in scene.films.items()
     ]
-    truth = pd.concat([table for table, _ in tables if len(table)] or [tables[0][0]], ignore_index=True)
-    drivers = pd.concat([table for _, table in tables], ignore_index=True)
-    if len(truth):
-        truth = truth.sort_values(["vehicle_id", "crossing_frame"])
-    return truth, drivers.sort_values("vehicle_id")
+    truth, drivers = (pd.concat(parts, ignore_index=True) for parts in zip(*tables, strict=True))
+    return truth.sort_values(["vehicle_id", "crossing_frame"]), drivers.sort_values("vehicle_id")
 
 
 def _draw_site(rng: np.random.Generator, settings: RecorderSettings) -> Site:

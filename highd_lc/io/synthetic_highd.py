@@ -50,7 +50,8 @@ def encode(films: dict[int, Film], site: Site) -> Tracks:
     """The tracks table of the carriageways by driving direction (1 = upper)."""
     ids = _number_vehicles(films)
     table = np.concatenate([_encode_direction(films[d], ids[d], d, site) for d in (1, 2)])
-    table = table[np.lexsort((table[:, 0], table[:, 1]))]
+    # Stable: the rows of a vehicle already ascend by frame.
+    table = table[np.argsort(table[:, 1], kind="stable")]
     n = max(int(numbers.max(initial=0)) for numbers in ids.values())
     direction, truck = np.zeros(n, np.int64), np.zeros(n, np.bool_)
     for d, film in films.items():
@@ -74,12 +75,12 @@ def _number_vehicles(films: dict[int, Film]) -> dict[int, IntArray]:
 
 
 def _hundredths(values: FloatArray) -> NDArray[np.int32]:
-    return np.rint(100 * np.clip(values, -_LARGEST, _LARGEST)).astype(np.int32)
+    return np.rint(100 * values).astype(np.int32)
 
 
 def _encode_direction(film: Film, ids: IntArray, direction: int, site: Site) -> NDArray[np.int32]:
     """The rows of a carriageway, frame by frame."""
-    table = np.zeros((len(film.driver), len(TRACK_COLUMNS)), np.int32)
+    table = np.zeros((len(film.driver), len(TRACK_COLUMNS)), np.int32, order="F")
     sign = 1 if direction == 2 else -1
     x, v, a, y, vy, ay = film.seen.T
     length, width = (film.drivers.vehicles[name][film.driver] for name in ("length", "width"))
@@ -121,4 +122,4 @@ def _encode_leader(
     with np.errstate(divide="ignore", invalid="ignore"):
         columns = (gap, np.nan_to_num(gap / v), np.where(closing == 0, 0, gap / closing), sign * v[leader])
     for column, values in enumerate(columns, start=12):
-        table[:, column] = np.where(has, _hundredths(values), 0)
+        table[:, column] = np.where(has, _hundredths(np.clip(values, -_LARGEST, _LARGEST)), 0)

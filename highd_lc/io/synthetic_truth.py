@@ -18,6 +18,11 @@ from highd_lc.vocab.lcm_parameters import PARAMETERS
 
 MOVING = 0.1
 """Lateral speed of the path whose passings are reported [m/s] (SPEC section 11)."""
+TRUTH_COLUMNS = (
+    "vehicle_id", "kind", "origin_lane", "target_lane", "start_s", "moving_from_s", "crossing_s", "moving_to_s",
+    "end_s", "start_frame", "crossing_frame", "end_frame", "complete_in_view", "path_in_view", "origin_leader_id",
+    "origin_follower_id", "target_leader_id", "target_follower_ids", "target_follower_spacings_m",
+)  # fmt: skip
 _FINE = 0.001
 _KINDS = {BROKEN_OFF: "broken_off", RETURN: "return"}
 
@@ -54,7 +59,7 @@ def truth_table(film: Film, ids: IntArray, *, frame_rate: float) -> pd.DataFrame
         crossing = _crossing(change, lanes[seen], film.frame[seen] / frame_rate)
         if crossing >= 0:
             rows.append(_truth_row(change, film, lanes, seen=seen, crossing=crossing, ids=ids, rate=frame_rate))
-    return pd.DataFrame(rows)
+    return pd.DataFrame(rows, columns=list(TRUTH_COLUMNS))
 
 
 def drivers_table(film: Film, ids: IntArray) -> pd.DataFrame:

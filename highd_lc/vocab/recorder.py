@@ -1,6 +1,6 @@
 """Settings of the synthetic recorder: what the road, the traffic and the camera of a recording are like."""
 
-from typing import Annotated, Literal
+from typing import Annotated
 
 from pydantic import BaseModel, ConfigDict, Field
 
@@ -34,10 +34,6 @@ class RecorderSettings(BaseModel):
         float,
         Field(ge=0, le=1, description="share of lane changes that are broken off after the crossing (A-B-A)"),
     ] = 0.04
-    followers_react_from: Annotated[
-        Literal["start", "crossing"],
-        Field(description="when a vehicle that cuts in becomes its follower's leader"),
-    ] = "start"
     wander_m: Annotated[
         float,
         Field(ge=0, le=0.5, description="lane keeping: standard deviation of the slow lateral motion [m]"),
@@ -55,3 +51,22 @@ class RecorderSettings(BaseModel):
         float,
         Field(ge=0, le=0.5, description="standard deviation of white noise in the positions alone [m]"),
     ] = 0.0
+    end_speed_error_mps: Annotated[
+        float,
+        Field(ge=0, le=2, description="speeds read too low at the very ends of the section, up to 20 m [m/s]"),
+    ] = 0.3
+    acceleration_bias_mps2: Annotated[
+        float,
+        Field(
+            ge=0,
+            le=0.5,
+            description="bound of each recording's bias of the forward acceleration, opposite on the two "
+            "carriageways [m/s^2] (HighD: up to 0.3)",
+        ),
+    ] = 0.05
+
+
+FAULTLESS = RecorderSettings(
+    wander_m=0, position_noise_m=0, detection_noise_m=0, end_speed_error_mps=0, acceleration_bias_mps2=0
+)
+"""A camera without error and drivers who hold their line: for tests of exact relations."""
