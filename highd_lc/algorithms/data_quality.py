@@ -1,108 +1,142 @@
-"""How good a recording is: biases, contradictions between its columns, and what its metas say of it."""
+"""How good a recording is: biases, contradictions between its columns, and facts to hold against its metas."""
 
 from dataclasses import dataclass
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
-from highd_lc.algorithms.track_index import TrackIndex
+from highd_lc.algorithms.track_index import TrackIndex, find_row
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
-BoolArray = NDArray[np.bool_]
 
 PROFILE_BIN_M = 10.0
-# Positions are rounded to 0.01 m: differences over this time keep the rounding below 0.03 m/s.
+# Positions are rounded to 0.01 m: a difference over this time keeps the rounding below 0.03 m/s.
 _DIFFERENCE_S = 0.4
+_STANDING_MPS = 1e-3
+ENTRY, INNER, EXIT = 0, 1, 2
 
 
 @dataclass(frozen=True)
 class VehicleFacts:
-    """What the tracks say of each vehicle, to be compared with the metas, each of shape (vehicles,).
+    """What the tracks say of each vehicle, each of shape (vehicles,).
 
-    min_gap [m], min_time_gap [s]: smallest to the leader, NaN without one; travelled [m].
+    holes: places where frames are missing; outside: rows outside the markings; min_gap [m], min_time_gap [s]:
+    smallest to the leader, NaN without one; travelled: from the first to the last row [m].
     """
 
-    n_frames: IntArray
+    holes: IntArray
     lane_changes: IntArray
+    outside: IntArray
     min_gap: FloatArray
     min_time_gap: FloatArray
     travelled: FloatArray
 
 
 def vehicle_facts(
-    index: TrackIndex, *, x: FloatArray, vx: FloatArray, lane: IntArray, leader: IntArray, length: FloatArray
+    index: TrackIndex,
+    x: FloatArray,
+    *,
+    vx: FloatArray,
+    lane: IntArray,
+    leader_id: IntArray,
+    ids: IntArray,
+    length: FloatArray,
 ) -> VehicleFacts:
-    """Facts of each vehicle. x [m], vx [m/s], lane, leader (vehicle index, -1 = none): of shape (rows,);
+    """Facts of each vehicle. x [m], vx [m/s], lane, leader_id (0 = none): of shape (rows,); ids (ascending) and
     length [m]: of shape (vehicles,).
     """
-    starts, counts = index.starts[:-1], np.diff(index.starts)
-    gap = _gaps(index, x, leader, length=length)
-    slow = np.abs(vx) < 1e-3
-    time_gap = gap / np.where(slow, np.nan, np.abs(vx))
-    change = np.diff(lane, append=lane[-1]) != 0
-    change[index.starts[1:] - 1] = False
-    return VehicleFacts(
-        n_frames=counts,
-        lane_changes=np.add.reduceat(change, starts, dtype=np.int64),
-        min_gap=np.fmin.reduceat(gap, starts),
-        min_time_gap=np.fmin.reduceat(time_gap, starts),
-        travelled=x[index.starts[1:] - 1] - x[starts],
-    )
+    counts, gaps = _facts(index.starts, index.frame, x, vx, lane, leader_id, ids, length)
+    travelled = x[index.starts[1:] - 1] - x[index.starts[:-1]]
+    return VehicleFacts(counts[0], counts[1], counts[2], gaps[0], gaps[1], travelled)
 
 
-def _gaps(index: TrackIndex, x: FloatArray, leader: IntArray, *, length: FloatArray) -> FloatArray:
-    """Bumper-to-bumper gap to the leader in each row [m], NaN without one."""
-    gap = np.full(len(x), np.nan)
-    behind = np.flatnonzero(leader >= 0)
-    rows = index.rows(leader[behind], index.frame[behind])
-    behind, rows = behind[rows >= 0], rows[rows >= 0]
-    half = np.repeat(length / 2, np.diff(index.starts))
-    gap[behind] = x[rows] - x[behind] - half[rows] - half[behind]
-    return gap
+@njit(cache=True, nogil=True)
+def _facts(starts, frame, x, vx, lane, leader_id, ids, length):
+    counts = np.zeros((3, len(ids)), dtype=np.int64)
+    gaps = np.full((2, len(ids)), np.nan)
+    for vehicle in range(len(ids)):
+        known, leader = 0, -1
+        for row in range(starts[vehicle], starts[vehicle + 1]):
+            if row > starts[vehicle]:
+                counts[0, vehicle] += frame[row] != frame[row - 1] + 1
+                counts[1, vehicle] += lane[row] != lane[row - 1]
+            counts[2, vehicle] += lane[row] == 0
+            if leader_id[row] == 0:
+                continue
+            if leader_id[row] != known:
+                known = leader_id[row]
+                place = np.searchsorted(ids, known)
+                leader = place if place < len(ids) and ids[place] == known else -1
+            ahead = find_row(starts, frame, leader, frame[row]) if leader >= 0 else -1
+            if ahead >= 0:
+                gap = x[ahead] - x[row] - (length[leader] + length[vehicle]) / 2
+                if not gaps[0, vehicle] <= gap:
+                    gaps[0, vehicle] = gap
+                if vx[row] > _STANDING_MPS and not gaps[1, vehicle] <= gap / vx[row]:
+                    gaps[1, vehicle] = gap / vx[row]
+    return counts, gaps
 
 
-def holes(index: TrackIndex) -> IntArray:
-    """Places where a vehicle's track misses frames, shape (vehicles,)."""
-    missing = np.diff(index.frame, append=index.frame[-1] + 1) != 1
-    missing[index.starts[1:] - 1] = False
-    return np.add.reduceat(missing, index.starts[:-1], dtype=np.int64)
+@dataclass(frozen=True)
+class Disagreement:
+    """Difference quotient of position minus recorded speed along the section [m/s].
+
+    size: mean absolute value in the first ``trim`` metres, between them, and in the last; profile: mean value in
+    bins of 10 m from the entry; NaN where nothing was measured.
+    """
+
+    size: FloatArray
+    profile: FloatArray
 
 
-def disagreement(index: TrackIndex, x: FloatArray, vx: FloatArray, *, rate: float) -> FloatArray:
-    """Difference quotient of the position minus recorded speed [m/s], shape (rows,); NaN near holes and ends.
+def disagreement(
+    index: TrackIndex,
+    x: FloatArray,
+    vx: FloatArray,
+    *,
+    vehicles: IntArray,
+    rate: float,
+    extent: tuple[float, float],
+    trim: float,
+) -> Disagreement:
+    """Position against speed of some vehicles, over 0.4 s around each row that has both ends in view.
 
-    rate: frames a second [Hz]. The quotient spans 0.4 s around the row.
+    x [m], vx [m/s]: of shape (rows,); rate [Hz]; extent: first and last x of the section [m]; trim [m].
     """
     half = max(1, round(_DIFFERENCE_S * rate / 2))
-    result = np.full(len(x), np.nan)
-    if len(x) <= 2 * half:
-        return result
-    early, late = slice(None, -2 * half), slice(2 * half, None)
-    vehicle = np.repeat(np.arange(len(index.starts) - 1), np.diff(index.starts))
-    sound = (vehicle[early] == vehicle[late]) & (index.frame[late] - index.frame[early] == 2 * half)
-    quotient = (x[late] - x[early]) * (rate / (2 * half)) - vx[half:-half]
-    result[half:-half][sound] = quotient[sound]
-    return result
+    n_bins = max(1, int(np.ceil((extent[1] - extent[0]) / PROFILE_BIN_M)))
+    zones, bins = np.zeros((2, 3)), np.zeros((2, n_bins))
+    places = np.array([extent[0], extent[0] + trim, extent[1] - trim])
+    _disagree(index.starts, index.frame, x, vx, vehicles, half, rate, places, zones, bins)
+    return Disagreement(_mean(zones), _mean(bins))
 
 
-def profile(difference: FloatArray, x: FloatArray, *, entry: float, stop: float) -> FloatArray:
-    """Mean disagreement in bins of 10 m from entry to stop [m/s]; NaN in an empty bin."""
-    n_bins = max(1, int(np.ceil((stop - entry) / PROFILE_BIN_M)))
-    known = np.isfinite(difference)
-    place = np.clip(((x[known] - entry) / PROFILE_BIN_M).astype(np.int64), 0, n_bins - 1)
-    total = np.bincount(place, weights=difference[known], minlength=n_bins)
-    counts = np.bincount(place, minlength=n_bins)
-    return np.divide(total, counts, out=np.full(n_bins, np.nan), where=counts > 0)
+@njit(cache=True, nogil=True)
+def _disagree(starts, frame, x, vx, vehicles, half, rate, places, zones, bins):
+    for vehicle in vehicles:
+        for row in range(starts[vehicle] + half, starts[vehicle + 1] - half):
+            if frame[row + half] - frame[row - half] != 2 * half:
+                continue
+            difference = (x[row + half] - x[row - half]) * rate / (2 * half) - vx[row]
+            zone = ENTRY if x[row] < places[1] else (EXIT if x[row] > places[2] else INNER)
+            zones[0, zone] += abs(difference)
+            zones[1, zone] += 1
+            place = min(max(int((x[row] - places[0]) / PROFILE_BIN_M), 0), bins.shape[1] - 1)
+            bins[0, place] += difference
+            bins[1, place] += 1
 
 
-def mean_where(values: FloatArray, chosen: BoolArray) -> float:
-    """Mean of the chosen values that are known, NaN if there is none."""
-    known = chosen & np.isfinite(values)
-    return float(values[known].mean()) if known.any() else float("nan")
+def _mean(sums_and_counts: FloatArray) -> FloatArray:
+    sums, counts = sums_and_counts
+    return np.divide(sums, counts, out=np.full(len(sums), np.nan), where=counts > 0)
 
 
-def mean_speed_change(index: TrackIndex, vx: FloatArray, rate: float) -> FloatArray:
-    """Change of forward speed from a track's first row to its last [m/s] and its time [s]: (2, vehicles)."""
-    first, last = index.starts[:-1], index.starts[1:] - 1
-    return np.stack([vx[last] - vx[first], (index.frame[last] - index.frame[first]) / rate])
+def mean_speed_change(index: TrackIndex, vx: FloatArray, *, vehicles: IntArray, rate: float) -> float:
+    """Forward acceleration of some vehicles from their speeds: change of speed from the first row to the last,
+    summed, over the summed time in view [m/s^2]; NaN if none was in view for longer than one frame.
+    """
+    first, last = index.starts[vehicles], index.starts[vehicles + 1] - 1
+    seconds = float((index.frame[last] - index.frame[first]).sum()) / rate
+    return float((vx[last] - vx[first]).sum()) / seconds if seconds > 0 else float("nan")

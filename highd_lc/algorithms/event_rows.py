@@ -1,6 +1,7 @@
 """Which recorded rows belong to an event: each role's motion, and the followers' calibration windows."""
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -8,7 +9,7 @@ from numpy.typing import NDArray
 from highd_lc.algorithms.extraction import Crossing
 from highd_lc.algorithms.neighbours import NOBODY
 from highd_lc.algorithms.roles import Roles
-from highd_lc.algorithms.track_index import Traffic
+from highd_lc.algorithms.track_index import Traffic, find_rows
 from highd_lc.vocab import names
 
 IntArray = NDArray[np.int64]
@@ -58,7 +59,7 @@ def _windows(traffic: Traffic, event: Crossing, roles: Roles) -> list[slice]:
     chain = (roles.target_leader, *roles.followers)
     return [
         calibration_rows(traffic, follower, leader, lane=event.change.target, before_frame=event.start_frame)
-        for leader, follower in zip(chain, chain[1:], strict=False)
+        for leader, follower in pairwise(chain)
     ]
 
 
@@ -81,11 +82,11 @@ def calibration_rows(traffic: Traffic, follower: int, leader: int, *, lane: int,
         return slice(span.start, span.start)
     rows = np.arange(span.start, span.stop)
     frame = traffic.index.frame[rows]
-    leader_rows = traffic.index.rows(np.full(len(rows), leader), frame)
+    leader_rows = find_rows(traffic.index.starts, traffic.index.frame, np.full(len(rows), leader), frame)
     entry, stop = traffic.entry[traffic.direction[follower]], traffic.stop[traffic.direction[follower]]
     good = (
         (frame < before_frame)
-        & (traffic.leader[rows] == leader)
+        & (traffic.leader_id[rows] == traffic.ids[leader])
         & (traffic.lane[rows] == lane)
         & (leader_rows >= 0)
         & (traffic.x[rows] >= entry)

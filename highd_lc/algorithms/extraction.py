@@ -28,7 +28,8 @@ class Crossing:
 def find_crossings(traffic: Traffic, rule: Rule, *, max_link_m: float, max_followers: int) -> list[Crossing]:
     """Every lane-id change of a recording, by vehicle and frame, each usable or with one reason."""
     changed = 1 + np.flatnonzero(np.diff(traffic.lane))
-    egos = np.unique(np.searchsorted(traffic.index.starts, changed, side="right") - 1)
+    vehicle = np.searchsorted(traffic.index.starts, changed, side="right") - 1
+    egos = np.unique(vehicle[traffic.index.starts[vehicle] != changed])
     found = []
     for ego in egos:
         for change in find_lane_changes(_path(traffic, int(ego)), rule):

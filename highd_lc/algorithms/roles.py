@@ -1,6 +1,7 @@
 """Who is who at the start of a lane change, on both lanes (SPEC section 11)."""
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -83,5 +84,8 @@ def _lane(traffic: Traffic, maneuver: Maneuver, lane: int) -> Lane:
 
 def _is_chain(traffic: Traffic, chain: tuple[int, ...], frame: int) -> bool:
     """Whether each vehicle's recorded leader is the one before it in the chain."""
-    pairs = [(leader, follower) for leader, follower in zip(chain, chain[1:], strict=False) if follower >= 0]
-    return all(traffic.leader[traffic.index.row(follower, frame)] == leader for leader, follower in pairs)
+    return all(
+        traffic.leader_id[traffic.index.row(follower, frame)] == traffic.id_of(leader)
+        for leader, follower in pairwise(chain)
+        if follower != NOBODY
+    )

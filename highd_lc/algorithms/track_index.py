@@ -3,10 +3,38 @@
 from dataclasses import dataclass
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
+
+ABSENT = -1
+
+
+@njit(cache=True, nogil=True)
+def find_row(starts: IntArray, frames: IntArray, vehicle: int, frame: int) -> int:
+    """Row of a vehicle in a frame, -1 if it is not in view.
+
+    starts: first row of each vehicle and the number of rows, shape (vehicles + 1,); frames: of each row.
+    """
+    first, last = starts[vehicle], starts[vehicle + 1] - 1
+    if frame < frames[first] or frame > frames[last]:
+        return -1
+    row = first + frame - frames[first]
+    # Only a track with holes has its row elsewhere than the frame number says.
+    if row > last or frames[row] != frame:
+        row = first + np.searchsorted(frames[first : last + 1], frame)
+    return row if frames[row] == frame else -1
+
+
+@njit(cache=True, nogil=True)
+def find_rows(starts: IntArray, frames: IntArray, vehicles: IntArray, wanted: IntArray) -> IntArray:
+    """Rows of vehicles in a frame each, -1 where one is not in view; all of shape (n,)."""
+    rows = np.empty(len(vehicles), dtype=np.int64)
+    for k in range(len(vehicles)):
+        rows[k] = find_row(starts, frames, vehicles[k], wanted[k])
+    return rows
 
 
 @dataclass(frozen=True)
@@ -20,9 +48,14 @@ class TrackIndex:
 
     @classmethod
     def of(cls, vehicle: IntArray, frame: IntArray) -> "TrackIndex":
-        """Index rows ordered by vehicle (0, 1, ... without a gap) and frame, each of shape (rows,)."""
-        starts = np.flatnonzero(np.diff(vehicle, prepend=-1, append=vehicle[-1] + 1))
-        return cls(frame, starts)
+        """Index rows ordered by vehicle and frame; vehicle: any number that tells them apart, (rows,)."""
+        changes = 1 + np.flatnonzero(vehicle[1:] != vehicle[:-1])
+        return cls(frame, np.concatenate([[0], changes, [len(vehicle)]]))
+
+    @property
+    def counts(self) -> IntArray:
+        """Rows of each vehicle, shape (vehicles,)."""
+        return np.diff(self.starts)
 
     def span(self, vehicle: int) -> slice:
         """The rows of a vehicle."""
@@ -30,31 +63,16 @@ class TrackIndex:
 
     def row(self, vehicle: int, frame: int) -> int:
         """The row of a vehicle in a frame, -1 if it is not in view."""
-        return int(self.rows(np.array([vehicle]), frame)[0])
+        return int(find_row(self.starts, self.frame, vehicle, frame))
 
-    def rows(self, vehicles: IntArray, frame: int | IntArray) -> IntArray:
-        """Rows of vehicles in a frame (or a frame each), -1 where a vehicle is not in view; shape as given."""
-        first, last = self.starts[vehicles], self.starts[vehicles + 1] - 1
-        guess = first + (frame - self.frame[first])
-        inside = (guess >= first) & (frame <= self.frame[last])
-        rows = np.where(inside, np.minimum(guess, last), -1)
-        # Only a track with holes has its row elsewhere than the frame number says.
-        astray = np.flatnonzero(inside & (self.frame[rows] != frame))
-        frames = np.broadcast_to(frame, rows.shape)
-        for place in astray:
-            rows[place] = self._search(int(vehicles[place]), int(frames[place]))
-        return rows
-
-    def _search(self, vehicle: int, frame: int) -> int:
-        span = self.span(vehicle)
-        row = span.start + int(np.searchsorted(self.frame[span], frame))
-        return row if row < span.stop and self.frame[row] == frame else -1
+    def rows(self, vehicles: IntArray, frame: int) -> IntArray:
+        """Rows of vehicles in a frame, -1 where one is not in view; shape (n,)."""
+        return find_rows(self.starts, self.frame, vehicles, np.full(len(vehicles), frame))
 
     def in_view(self, frame: int) -> tuple[IntArray, IntArray]:
         """Vehicles in view in a frame, and their rows."""
-        candidates = np.flatnonzero(
-            (self.frame[self.starts[:-1]] <= frame) & (self.frame[self.starts[1:] - 1] >= frame)
-        )
+        first, last = self.frame[self.starts[:-1]], self.frame[self.starts[1:] - 1]
+        candidates = np.flatnonzero((first <= frame) & (last >= frame))
         rows = self.rows(candidates, frame)
         return candidates[rows >= 0], rows[rows >= 0]
 
@@ -63,18 +81,23 @@ class TrackIndex:
 class Traffic:
     """All vehicles of a recording in road coordinates.
 
-    x, y: box centres [m]; lane: 0 = outside the markings; leader: vehicle index of the recorded leader, -1 =
-    none; each of shape (rows,), in the rows of ``index``. direction: 1 or 2; length [m]: of shape (vehicles,).
-    entry, stop: first and last x used for calibration, indexed by direction [m]. rate: frames a second [Hz].
+    x, y: box centres [m]; lane: 0 = outside the markings; leader_id: recorded leader, 0 = none; each of shape
+    (rows,), in the rows of ``index``. ids, direction (1 or 2), length [m]: of shape (vehicles,). entry, stop:
+    first and last x used for calibration, indexed by direction [m]. rate: frames a second [Hz].
     """
 
     index: TrackIndex
     x: FloatArray
     y: FloatArray
     lane: IntArray
-    leader: IntArray
+    leader_id: IntArray
+    ids: IntArray
     direction: IntArray
     length: FloatArray
     entry: FloatArray
     stop: FloatArray
     rate: float
+
+    def id_of(self, vehicle: int) -> int:
+        """The id of a vehicle index, 0 = nobody."""
+        return 0 if vehicle == ABSENT else int(self.ids[vehicle])

@@ -14,12 +14,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from highd_lc.io import highd_road, highd_rows
 from highd_lc.io.highd_metas import RecordingMeta, VehicleMetas, read_recording_meta, read_vehicle_metas
-from highd_lc.io.highd_road import Tracks
+from highd_lc.io.highd_road import Road, to_road
+from highd_lc.io.highd_rows import read_rows
 from highd_lc.vocab.errors import InputError
 
-FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 _KINDS = ("recordingMeta", "tracksMeta", "tracks")
@@ -28,19 +27,13 @@ _FILE = re.compile(r"(\d+)_(recordingMeta|tracksMeta|tracks)\.csv")
 
 @dataclass(frozen=True)
 class Recording:
-    """A recording in road coordinates.
-
-    extent: first and last x that any box reaches, for each direction, shape (2, 2) [m]; duplicates: identical
-    rows dropped, for each direction; lane_mismatches: rows whose lane id is not that of their box centre.
-    """
+    """A recording in road coordinates. duplicates: identical rows of each vehicle that were dropped."""
 
     number: int
     meta: RecordingMeta
     vehicles: VehicleMetas
-    tracks: Tracks
-    extent: FloatArray
+    road: Road
     duplicates: IntArray
-    lane_mismatches: IntArray
 
 
 def discover(data: Path) -> list[int]:
@@ -79,13 +72,5 @@ def read_recording(data: Path, recording: int) -> Recording:
     meta_path, vehicles_path, tracks_path = input_files(data, recording)
     meta = read_recording_meta(meta_path)
     vehicles = read_vehicle_metas(vehicles_path)
-    rows = highd_rows.read_rows(tracks_path, vehicles)
-    return Recording(
-        number=recording,
-        meta=meta,
-        vehicles=vehicles,
-        tracks=highd_road.to_road(rows, meta, vehicles),
-        extent=highd_road.extent(rows, vehicles),
-        duplicates=rows.duplicates,
-        lane_mismatches=highd_road.lane_mismatches(rows, meta, vehicles),
-    )
+    rows = read_rows(tracks_path, vehicles)
+    return Recording(recording, meta, vehicles, to_road(rows, meta, vehicles), rows.duplicates)

@@ -16,12 +16,11 @@ IntArray = NDArray[np.int64]
 LARGEST_ID = 10_000_000
 LARGEST_FRAME = 10_000_000
 
+_MARKINGS = ("upperLaneMarkings", "lowerLaneMarkings")
 _RECORDING_FIELDS = (
     Field("frameRate", float, 0.1, 1000),
     Field("locationId", int, -1, 1e6),
-    Field("numVehicles", int, 0, LARGEST_ID),
-    Field("upperLaneMarkings", str),
-    Field("lowerLaneMarkings", str),
+    *(Field(name, str) for name in _MARKINGS),
 )
 _VEHICLE_FIELDS = (
     Field("id", int, 1, LARGEST_ID),
@@ -45,7 +44,6 @@ class RecordingMeta:
 
     frame_rate: float
     location: int
-    n_vehicles: int
     upper: FloatArray
     lower: FloatArray
 
@@ -77,12 +75,14 @@ def read_recording_meta(path: Path) -> RecordingMeta:
     columns = read_columns(path, _RECORDING_FIELDS)
     if len(columns["frameRate"]) != 1:
         raise InputError(f"{path}: {len(columns['frameRate'])} rows, expected 1")
+    upper, lower = (_markings(path, name, str(columns[name][0])) for name in _MARKINGS)
+    if upper[-1] > lower[0]:
+        raise InputError(f"{path}: row 2, column {_MARKINGS[1]!r}: begins above the upper carriageway's end")
     return RecordingMeta(
         frame_rate=float(columns["frameRate"][0]),
         location=int(columns["locationId"][0]),
-        n_vehicles=int(columns["numVehicles"][0]),
-        upper=_markings(path, "upperLaneMarkings", str(columns["upperLaneMarkings"][0])),
-        lower=_markings(path, "lowerLaneMarkings", str(columns["lowerLaneMarkings"][0])),
+        upper=upper,
+        lower=lower,
     )
 
 

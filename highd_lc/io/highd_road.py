@@ -2,31 +2,34 @@
 
 Road coordinates of a carriageway: x forward from the entry end of the section, y left from the right edge, box
 centres, lane 1 = rightmost. With s = -1 in direction 1 and +1 in direction 2 every conversion is
-``offset of the vehicle + s * value`` (x, vx, ax, -laneId) or ``offset - s * value`` (y, vy, ay).
+``offset of the vehicle + s * value`` (x, vx, ax) or ``offset - s * value`` (y, vy, ay, lane id).
 """
 
 from dataclasses import dataclass
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
+from highd_lc.algorithms.track_index import TrackIndex
 from highd_lc.io.highd_metas import RecordingMeta, VehicleMetas
 from highd_lc.io.highd_rows import Rows
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
+UPPER = 1
+
 
 @dataclass(frozen=True)
 class Tracks:
-    """Rows of all vehicles in road coordinates, ordered by vehicle and frame, each of shape (rows,).
+    """Rows of all vehicles in road coordinates, ordered by vehicle and frame, in the rows of ``index``.
 
-    vehicle: index into the vehicles; x, y [m], vx, vy [m/s], ax, ay [m/s^2]; lane, leader_id, follower_id:
-    0 = outside the markings or none.
+    x, y [m], vx, vy [m/s], ax, ay [m/s^2]; lane, leader_id, follower_id: 0 = outside the markings or none; each
+    of shape (rows,).
     """
 
-    vehicle: IntArray
-    frame: IntArray
+    index: TrackIndex
     x: FloatArray
     y: FloatArray
     vx: FloatArray
@@ -38,55 +41,78 @@ class Tracks:
     follower_id: IntArray
 
 
-def to_road(rows: Rows, meta: RecordingMeta, vehicles: VehicleMetas) -> Tracks:
-    """Rows of a recording in road coordinates."""
-    columns, spread = rows.columns, _spreader(rows)
-    upper = vehicles.direction == 1
-    sign = spread(np.where(upper, -1.0, 1.0))
-    end = section_end(rows, vehicles)
-    x_offset = np.where(upper, end - vehicles.length / 2, vehicles.length / 2)
-    y_offset = np.where(upper, vehicles.width / 2 - meta.upper[0], meta.lower[-1] - vehicles.width / 2)
-    return Tracks(
-        vehicle=spread(np.arange(len(vehicles.id))),
-        frame=columns["frame"],
-        x=spread(x_offset) + sign * columns["x"],
-        y=spread(y_offset) - sign * columns["y"],
-        vx=sign * columns["xVelocity"],
-        vy=-sign * columns["yVelocity"],
-        ax=sign * columns["xAcceleration"],
-        ay=-sign * columns["yAcceleration"],
-        lane=_lane(columns["laneId"], spread(upper), meta),
+@dataclass(frozen=True)
+class Road:
+    """A recording in road coordinates.
+
+    extent: first and last x that a box reaches, a row a direction [m]; lane_mismatches: rows of each vehicle
+    whose lane id is not that of their box centre, shape (vehicles,).
+    """
+
+    tracks: Tracks
+    extent: FloatArray
+    lane_mismatches: IntArray
+
+
+def to_road(rows: Rows, meta: RecordingMeta, vehicles: VehicleMetas) -> Road:
+    """Rows of a recording in road coordinates. The arrays of ``rows`` are converted in place and reused."""
+    columns, index = rows.columns, rows.index
+    begin = float(np.min(columns["x"]))
+    end = float(np.max(np.maximum.reduceat(columns["x"], index.starts[:-1]) + vehicles.length))
+    names = ("x", "y", "xVelocity", "yVelocity", "xAcceleration", "yAcceleration", "laneId")
+    mismatches = _convert(
+        index.starts,
+        np.where(vehicles.direction == UPPER, -1.0, 1.0),
+        _offsets(meta, vehicles, end),
+        np.concatenate([meta.upper, meta.lower]),
+        vehicles.width,
+        *(columns[name] for name in names),
+    )
+    tracks = Tracks(
+        index,
+        *(columns[name] for name in names),
         leader_id=columns["precedingId"],
         follower_id=columns["followingId"],
     )
+    return Road(tracks, np.array([[0.0, end - begin], [begin, end]]), mismatches)
 
 
-def _spreader(rows: Rows):
-    return lambda values: np.repeat(values, rows.counts)
+def _offsets(meta: RecordingMeta, vehicles: VehicleMetas, end: float) -> FloatArray:
+    """Offsets of x, y and lane, and the number of lanes, of each vehicle: shape (4, vehicles).
 
-
-def _lane(lane_id: IntArray, upper: NDArray[np.bool_], meta: RecordingMeta) -> IntArray:
-    """Lane from the right, 0 outside the carriageway: lane ids of the upper one start at 2, on its right."""
+    Lane ids count from 1 above the first marking: those of the upper carriageway begin at 2, on its right; those
+    of the lower one end at the number of all markings, on its right.
+    """
+    upper = vehicles.direction == UPPER
     n_upper, n_lower = len(meta.upper), len(meta.lower)
-    lane = np.where(upper, lane_id - 1, n_upper + n_lower + 1 - lane_id)
-    lanes = np.where(upper, n_upper, n_lower) - 1
-    return np.where((lane >= 1) & (lane <= lanes), lane, 0)
+    return np.stack(
+        [
+            np.where(upper, end - vehicles.length / 2, vehicles.length / 2),
+            np.where(upper, vehicles.width / 2 - meta.upper[0], meta.lower[-1] - vehicles.width / 2),
+            np.where(upper, -1.0, n_upper + n_lower + 1.0),
+            np.where(upper, n_upper, n_lower) - 1.0,
+        ]
+    )
 
 
-def section_end(rows: Rows, vehicles: VehicleMetas) -> float:
-    """Largest x of the image that a box reaches [m]: the entry end of direction 1."""
-    return float(np.max(rows.columns["x"] + np.repeat(vehicles.length, rows.counts)))
-
-
-def extent(rows: Rows, vehicles: VehicleMetas) -> FloatArray:
-    """First and last x in road coordinates that a box of the recording reaches, a row a direction [m]."""
-    end, begin = section_end(rows, vehicles), float(np.min(rows.columns["x"]))
-    return np.array([[0.0, end - begin], [begin, end]])
-
-
-def lane_mismatches(rows: Rows, meta: RecordingMeta, vehicles: VehicleMetas) -> IntArray:
-    """Rows of each vehicle whose lane id is not that of their box centre, shape (vehicles,)."""
-    markings = np.concatenate([meta.upper, meta.lower])
-    centre = rows.columns["y"] + np.repeat(vehicles.width / 2, rows.counts)
-    wrong = np.searchsorted(markings, centre) + 1 != rows.columns["laneId"]
-    return np.bincount(np.repeat(np.arange(len(vehicles.id)), rows.counts)[wrong], minlength=len(vehicles.id))
+@njit(cache=True, nogil=True)
+def _convert(starts, signs, offsets, markings, widths, x, y, vx, vy, ax, ay, lane):
+    """Convert every row in place; returns the rows of each vehicle whose lane id contradicts its y."""
+    mismatches = np.zeros(len(signs), dtype=np.int64)
+    for vehicle in range(len(signs)):
+        sign = signs[vehicle]
+        for row in range(starts[vehicle], starts[vehicle + 1]):
+            centre, interval = y[row] + widths[vehicle] / 2, 1
+            while interval <= len(markings) and markings[interval - 1] < centre:
+                interval += 1
+            mismatches[vehicle] += interval != lane[row]
+            x[row] = offsets[0, vehicle] + sign * x[row]
+            y[row] = offsets[1, vehicle] - sign * y[row]
+            # Adding 0 turns -0 into 0, so that mirrored recordings give the same bytes.
+            vx[row] = sign * vx[row] + 0.0
+            vy[row] = -sign * vy[row] + 0.0
+            ax[row] = sign * ax[row] + 0.0
+            ay[row] = -sign * ay[row] + 0.0
+            from_right = int(offsets[2, vehicle] - sign * lane[row])
+            lane[row] = from_right if 1 <= from_right <= offsets[3, vehicle] else 0
+    return mismatches

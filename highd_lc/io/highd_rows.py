@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from highd_lc.algorithms.track_index import TrackIndex
 from highd_lc.io.highd_csv import Field, read_columns
 from highd_lc.io.highd_metas import LARGEST_FRAME, LARGEST_ID, VehicleMetas
 from highd_lc.vocab.errors import InputError
@@ -32,14 +33,12 @@ _FIELDS = (
 
 @dataclass(frozen=True)
 class Rows:
-    """Rows in HighD's own conventions. columns: by HighD's names, each of shape (rows,).
-
-    counts: rows of each vehicle, shape (vehicles,); duplicates: identical rows that were dropped, for each
-    vehicle.
+    """Rows in HighD's own conventions, ordered by vehicle and frame. columns: by HighD's names, (rows,) each;
+    duplicates: identical rows of each vehicle that were dropped, shape (vehicles,).
     """
 
     columns: Columns
-    counts: IntArray
+    index: TrackIndex
     duplicates: IntArray
 
 
@@ -50,61 +49,57 @@ def read_rows(path: Path, vehicles: VehicleMetas) -> Rows:
     two rows contradict each other.
     """
     columns = read_columns(path, _FIELDS)
-    vehicle = _vehicle_of_rows(path, columns["id"], vehicles)
-    columns, vehicle, line = _ordered(columns, vehicle)
-    doubled = _doubled(path, columns, vehicle, line)
-    if doubled.any():
-        columns = {name: values[~doubled] for name, values in columns.items()}
-    counts = np.bincount(vehicle[~doubled], minlength=len(vehicles.id))
-    _refuse_missing(path, counts, vehicles)
-    return Rows(columns, counts, np.bincount(vehicle[doubled], minlength=len(vehicles.id)))
+    _refuse_strangers(path, columns["id"], vehicles)
+    columns, place = _ordered(columns)
+    doubled = _doubled(path, columns, place)
+    dropped = np.zeros(len(vehicles.id), dtype=np.int64)
+    if len(doubled):
+        np.add.at(dropped, np.searchsorted(vehicles.id, columns["id"][doubled]), 1)
+        columns = {name: np.delete(values, doubled) for name, values in columns.items()}
+    index = TrackIndex.of(columns["id"], columns["frame"])
+    _refuse_absent(path, columns["id"][index.starts[:-1]], vehicles)
+    return Rows(columns, index, dropped)
 
 
-def _vehicle_of_rows(path: Path, ids: IntArray, vehicles: VehicleMetas) -> IntArray:
-    """Index of each row's vehicle; looked up once for each run of equal ids."""
+def _refuse_strangers(path: Path, ids: IntArray, vehicles: VehicleMetas) -> None:
     if len(ids) == 0:
         raise InputError(f"{path}: no rows")
-    starts = np.flatnonzero(np.diff(ids, prepend=-1))
-    index = np.searchsorted(vehicles.id, ids[starts]).clip(max=len(vehicles.id) - 1)
-    unknown = np.flatnonzero(vehicles.id[index] != ids[starts])
+    runs = np.flatnonzero(np.diff(ids, prepend=-1))
+    unknown = runs[~np.isin(ids[runs], vehicles.id)]
     if len(unknown):
-        row = starts[unknown[0]]
         raise InputError(
-            f"{path}: row {row + 2}, column 'id': vehicle {ids[row]} has no row in the tracksMeta file"
+            f"{path}: row {unknown[0] + 2}, column 'id': vehicle {ids[unknown[0]]} has no row in the tracksMeta file"
         )
-    return np.repeat(index, np.diff(starts, append=len(ids)))
 
 
-def _ordered(columns: Columns, vehicle: IntArray) -> tuple[Columns, IntArray, IntArray | None]:
-    """Rows by vehicle and frame; their places in the file if they were in another order."""
-    key = vehicle * np.int64(1 << 32) + columns["frame"]
-    if np.all(key[1:] >= key[:-1]):
-        return columns, vehicle, None
-    order = np.argsort(key, kind="stable")
-    return {name: values[order] for name, values in columns.items()}, vehicle[order], order
+def _refuse_absent(path: Path, ids: IntArray, vehicles: VehicleMetas) -> None:
+    absent = np.setdiff1d(vehicles.id, ids)
+    if len(absent):
+        raise InputError(
+            f"{path}: column 'id': no row of vehicle {absent[0]}, one of {len(absent)} that the tracksMeta file lists"
+        )
 
 
-def _doubled(path: Path, columns: Columns, vehicle: IntArray, place: IntArray | None) -> NDArray[np.bool_]:
+def _ordered(columns: Columns) -> tuple[Columns, IntArray | None]:
+    """Rows by vehicle and frame; their places in the file if they stood in another order."""
+    ids, frames = columns["id"], columns["frame"]
+    step = np.diff(ids)
+    if np.all((step > 0) | ((step == 0) & (frames[1:] >= frames[:-1]))):
+        return columns, None
+    place = np.lexsort((frames, ids))
+    return {name: values[place] for name, values in columns.items()}, place
+
+
+def _doubled(path: Path, columns: Columns, place: IntArray | None) -> IntArray:
     """Rows that repeat the row before them. Raises InputError if they differ in any column."""
-    frame = columns["frame"]
-    doubled = np.zeros(len(frame), dtype=bool)
-    again = 1 + np.flatnonzero((frame[1:] == frame[:-1]) & (vehicle[1:] == vehicle[:-1]))
-    doubled[again] = True
+    ids, frames = columns["id"], columns["frame"]
+    again = 1 + np.flatnonzero((frames[1:] == frames[:-1]) & (ids[1:] == ids[:-1]))
     for name, values in columns.items():
         different = again[values[again] != values[again - 1]]
         if len(different):
             row = different[0] if place is None else place[different[0]]
             raise InputError(
-                f"{path}: row {row + 2}, column {name!r}: contradicts another row of vehicle "
-                f"{columns['id'][different[0]]} in frame {frame[different[0]]}"
+                f"{path}: row {row + 2}, column {name!r}: contradicts another row of vehicle {ids[different[0]]} in "
+                f"frame {frames[different[0]]}"
             )
-    return doubled
-
-
-def _refuse_missing(path: Path, counts: IntArray, vehicles: VehicleMetas) -> None:
-    absent = np.flatnonzero(counts == 0)
-    if len(absent):
-        raise InputError(
-            f"{path}: column 'id': no row of vehicle {vehicles.id[absent[0]]}, one of {len(absent)} that the "
-            "tracksMeta file lists"
-        )
+    return again

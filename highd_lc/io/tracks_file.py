@@ -56,15 +56,15 @@ def write(work: Path, recording: Recording, provenance: Provenance) -> int:
 
 
 def _columns(recording: Recording) -> dict[str, FloatArray | IntArray]:
-    tracks, vehicles = recording.tracks, recording.vehicles
-    own = {name: getattr(tracks, name) for name in TRACKS.column_names if hasattr(tracks, name)}
+    tracks, vehicles = recording.road.tracks, recording.vehicles
+    of_vehicle = {"vehicle_id": vehicles.id, "length": vehicles.length, "width": vehicles.width}
+    frame = tracks.index.frame
     return {
-        **own,
-        "recording_id": np.full(len(tracks.x), recording.number),
-        "vehicle_id": vehicles.id[tracks.vehicle],
-        "t": (tracks.frame - 1) / recording.meta.frame_rate,
-        "length": vehicles.length[tracks.vehicle],
-        "width": vehicles.width[tracks.vehicle],
+        **{name: getattr(tracks, name) for name in TRACKS.column_names if hasattr(tracks, name)},
+        **{name: np.repeat(values, tracks.index.counts) for name, values in of_vehicle.items()},
+        "recording_id": np.full(len(frame), recording.number),
+        "frame": frame,
+        "t": (frame - 1) / recording.meta.frame_rate,
     }
 
 

@@ -28,12 +28,11 @@ STAGE = "extract"
 
 @dataclass(frozen=True)
 class _Recording:
-    """A recording's arrays; ids and classes of each vehicle."""
+    """A recording's arrays; classes: Car or Truck of each vehicle."""
 
     number: int
     tracks: TrackArrays
     traffic: Traffic
-    ids: IntArray
     classes: NDArray[np.object_]
 
 
@@ -58,34 +57,27 @@ def _load(job: Job) -> _Recording:
     tracks = tracks_file.read(job.work, job.recording)
     vehicles = artefacts.read_part(job.work, "ingest", "vehicles", job.recording)
     carriageways = artefacts.read_part(job.work, "ingest", "recordings", job.recording)
-    ids, trim = vehicles["vehicle_id"].to_numpy(), job.settings.ingest.trim_ends_m
+    trim = job.settings.ingest.trim_ends_m
     traffic = Traffic(
-        index=TrackIndex.of(_index_of(tracks.vehicle_id, ids), tracks.frame),
+        index=TrackIndex.of(tracks.vehicle_id, tracks.frame),
         x=tracks.x,
         y=tracks.y,
         lane=tracks.lane,
-        leader=_index_of(tracks.leader_id, ids),
+        leader_id=tracks.leader_id,
+        ids=vehicles["vehicle_id"].to_numpy(),
         direction=vehicles["driving_direction"].to_numpy(),
         length=vehicles["length"].to_numpy(),
         entry=_by_direction(carriageways, "entry_m") + trim,
         stop=_by_direction(carriageways, "exit_m") - trim,
         rate=float(carriageways["frame_rate"].iloc[0]),
     )
-    return _Recording(job.recording, tracks, traffic, ids, vehicles["class"].to_numpy())
+    return _Recording(job.recording, tracks, traffic, vehicles["class"].to_numpy())
 
 
 def _by_direction(carriageways: pd.DataFrame, column: str) -> FloatArray:
     values = np.full(3, np.nan)
     values[carriageways["driving_direction"]] = carriageways[column]
     return values
-
-
-def _index_of(wanted: IntArray, ids: IntArray) -> IntArray:
-    """Place of each id in ``ids`` (ascending), -1 if it is not there; looked up once a run of equal ids."""
-    starts = np.flatnonzero(np.diff(wanted, prepend=-1))
-    place = np.searchsorted(ids, wanted[starts]).clip(max=len(ids) - 1)
-    place = np.where(ids[place] == wanted[starts], place, NOBODY)
-    return np.repeat(place, np.diff(starts, append=len(wanted)))
 
 
 def _rule(settings: ExtractSettings) -> Rule:
@@ -105,7 +97,7 @@ def _table(name: str, rows: list[dict[str, object]]) -> pd.DataFrame:
 
 
 def _event_id(recording: _Recording, crossing: Crossing) -> str:
-    return f"{recording.number:02d}-{recording.ids[crossing.ego]:04d}-{crossing.crossing_frame:05d}"
+    return f"{recording.number:02d}-{recording.traffic.ids[crossing.ego]:04d}-{crossing.crossing_frame:05d}"
 
 
 def _crossing_rows(recording: _Recording, crossings: list[Crossing]) -> list[dict[str, object]]:
@@ -127,7 +119,7 @@ def _identity(recording: _Recording, crossing: Crossing) -> dict[str, object]:
     return {
         "event_id": _event_id(recording, crossing),
         "recording_id": recording.number,
-        "ego_id": int(recording.ids[crossing.ego]),
+        "ego_id": int(recording.traffic.ids[crossing.ego]),
         "ego_class": recording.classes[crossing.ego],
         "direction": _direction(crossing),
         "crossing_frame": crossing.crossing_frame,
@@ -169,13 +161,13 @@ def _roles(recording: _Recording, event: Crossing) -> dict[str, object]:
         "origin_leader_id": _id(recording, roles.origin_leader),
         "origin_follower_id": _id(recording, roles.origin_follower),
         "target_leader_id": _id(recording, roles.target_leader),
-        "follower_ids": [int(recording.ids[follower]) for follower in roles.followers],
+        "follower_ids": [int(recording.traffic.ids[follower]) for follower in roles.followers],
         "roles_confirmed": roles.confirmed,
     }
 
 
 def _id(recording: _Recording, vehicle: int) -> int | None:
-    return None if vehicle == NOBODY else int(recording.ids[vehicle])
+    return None if vehicle == NOBODY else int(recording.traffic.ids[vehicle])
 
 
 def _snapped(values):

@@ -6,15 +6,21 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from highd_lc.algorithms import data_quality
-from highd_lc.algorithms.track_index import TrackIndex
+from highd_lc.algorithms.data_quality import (
+    ENTRY,
+    EXIT,
+    INNER,
+    VehicleFacts,
+    disagreement,
+    mean_speed_change,
+    vehicle_facts,
+)
 from highd_lc.io import artefacts, tracks_file
 from highd_lc.io.highd import Recording, read_recording
-from highd_lc.io.highd_metas import VehicleMetas
 from highd_lc.vocab import names
 from highd_lc.vocab.job import Job, JobReport, Problem
 
-FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
 
 STAGE = "ingest"
@@ -34,8 +40,7 @@ def run(job: Job) -> JobReport:
     cross-check against the metas is a problem in the report.
     """
     recording = read_recording(job.data, job.recording)
-    index = TrackIndex.of(recording.tracks.vehicle, recording.tracks.frame)
-    quality = _quality(recording, index, job)
+    quality = _quality(recording, job)
     if job.settings.ingest.remove_bias:
         recording = _without_bias(recording, quality)
     rows = tracks_file.write(job.work, recording, job.provenance)
@@ -45,8 +50,7 @@ def run(job: Job) -> JobReport:
 
 
 def _vehicles(recording: Recording) -> pd.DataFrame:
-    metas, tracks = recording.vehicles, recording.tracks
-    starts = TrackIndex.of(tracks.vehicle, tracks.frame).starts
+    metas, index = recording.vehicles, recording.road.tracks.index
     return pd.DataFrame(
         {
             "recording_id": recording.number,
@@ -55,18 +59,18 @@ def _vehicles(recording: Recording) -> pd.DataFrame:
             "class": metas.vehicle_class.astype(object),
             "length": metas.length,
             "width": metas.width,
-            "first_frame": tracks.frame[starts[:-1]],
-            "last_frame": tracks.frame[starts[1:] - 1],
+            "first_frame": index.frame[index.starts[:-1]],
+            "last_frame": index.frame[index.starts[1:] - 1],
         }
     )
 
 
 def _without_bias(recording: Recording, quality: pd.DataFrame) -> Recording:
-    bias = np.zeros(3)
-    bias[quality["driving_direction"]] = quality["mean_acceleration"]
-    tracks = recording.tracks
-    ax = tracks.ax - bias[recording.vehicles.direction][tracks.vehicle]
-    return replace(recording, tracks=replace(tracks, ax=ax))
+    bias = dict(zip(quality["driving_direction"], quality["mean_acceleration"], strict=True))
+    tracks = recording.road.tracks
+    of_vehicle = np.array([bias[direction] for direction in recording.vehicles.direction])
+    ax = tracks.ax - np.repeat(of_vehicle, tracks.index.counts)
+    return replace(recording, road=replace(recording.road, tracks=replace(tracks, ax=ax)))
 
 
 def _problems(recording: int, quality: pd.DataFrame) -> list[Problem]:
@@ -81,25 +85,30 @@ def _problems(recording: int, quality: pd.DataFrame) -> list[Problem]:
     ]
 
 
-def _quality(recording: Recording, index: TrackIndex, job: Job) -> pd.DataFrame:
+def _quality(recording: Recording, job: Job) -> pd.DataFrame:
     """The table ``recordings``: a row for each direction that has vehicles."""
-    tracks = recording.tracks
-    difference = data_quality.disagreement(index, tracks.x, tracks.vx, rate=recording.meta.frame_rate)
-    agreement = _agreement(recording, index)
-    holes = data_quality.holes(index)
+    settings = job.settings.ingest
+    tracks, metas = recording.road.tracks, recording.vehicles
+    facts = vehicle_facts(
+        tracks.index,
+        tracks.x,
+        vx=tracks.vx,
+        lane=tracks.lane,
+        leader_id=tracks.leader_id,
+        ids=metas.id,
+        length=metas.length,
+    )
+    agreement = _agreement(recording, facts)
     rows = []
-    for direction in np.unique(recording.vehicles.direction):
-        own = recording.vehicles.direction == direction
+    for direction in np.unique(metas.direction):
+        own = np.flatnonzero(metas.direction == direction)
         rows.append(
             {
-                "recording_id": recording.number,
-                "driving_direction": direction,
-                "bias_removed": job.settings.ingest.remove_bias,
                 **_road(recording, int(direction)),
-                **_counts(recording, own, holes),
-                **_motion(recording, index, own),
-                **_disagreement(recording, difference, own, trim=job.settings.ingest.trim_ends_m),
+                **_counts(recording, facts, own),
+                **_motion(recording, own, trim=settings.trim_ends_m),
                 **_checks(agreement, own),
+                "bias_removed": settings.remove_bias,
             }
         )
     return pd.DataFrame(rows)
@@ -108,8 +117,10 @@ def _quality(recording: Recording, index: TrackIndex, job: Job) -> pd.DataFrame:
 def _road(recording: Recording, direction: int) -> dict[str, object]:
     meta = recording.meta
     markings = meta.upper - meta.upper[0] if direction == 1 else (meta.lower[-1] - meta.lower)[::-1]
-    entry, stop = recording.extent[direction - 1]
+    entry, stop = recording.road.extent[direction - 1]
     return {
+        "recording_id": recording.number,
+        "driving_direction": direction,
         "location_id": meta.location,
         "frame_rate": meta.frame_rate,
         "markings": markings.round(6),
@@ -118,89 +129,61 @@ def _road(recording: Recording, direction: int) -> dict[str, object]:
     }
 
 
-def _counts(recording: Recording, own: BoolArray, holes: NDArray[np.int64]) -> dict[str, object]:
-    tracks, metas = recording.tracks, recording.vehicles
-    rows = own[tracks.vehicle]
-    n_rows = int(rows.sum())
+def _counts(recording: Recording, facts: VehicleFacts, own: IntArray) -> dict[str, object]:
+    n_rows = int(recording.road.tracks.index.counts[own].sum())
     return {
-        "n_vehicles": int(own.sum()),
-        "n_trucks": int((metas.vehicle_class[own] == names.TRUCK).sum()),
+        "n_vehicles": len(own),
+        "n_trucks": int((recording.vehicles.vehicle_class[own] == names.TRUCK).sum()),
         "n_rows": n_rows,
-        "n_holes": int(holes[own].sum()),
+        "n_holes": int(facts.holes[own].sum()),
         "n_duplicates": int(recording.duplicates[own].sum()),
-        "share_outside": float((tracks.lane[rows] == 0).mean()),
-        "share_lane_mismatch": float(recording.lane_mismatches[own].sum() / n_rows),
+        "share_outside": float(facts.outside[own].sum() / n_rows),
+        "share_lane_mismatch": float(recording.road.lane_mismatches[own].sum() / n_rows),
     }
 
 
-def _motion(recording: Recording, index: TrackIndex, own: BoolArray) -> dict[str, object]:
-    tracks = recording.tracks
-    change, time = data_quality.mean_speed_change(index, tracks.vx, recording.meta.frame_rate)
-    total = float(time[own].sum())
-    return {
-        "mean_acceleration": float(tracks.ax[own[tracks.vehicle]].mean()),
-        "mean_speed_change": float(change[own].sum()) / total if total > 0 else float("nan"),
-    }
-
-
-def _disagreement(
-    recording: Recording, difference: FloatArray, own: BoolArray, *, trim: float
-) -> dict[str, object]:
-    """Position against speed near the ends and between them, and its profile along the section."""
-    tracks = recording.tracks
-    rows = own[tracks.vehicle]
-    x, values = tracks.x[rows], difference[rows]
-    entry, stop = recording.extent[recording.vehicles.direction[own][0] - 1]
-    first, last = x < entry + trim, x > stop - trim
-    size = np.abs(values)
-    return {
-        "disagreement_entry": data_quality.mean_where(size, first),
-        "disagreement_inner": data_quality.mean_where(size, ~first & ~last),
-        "disagreement_exit": data_quality.mean_where(size, last),
-        "disagreement_profile": data_quality.profile(values, x, entry=entry, stop=stop),
-    }
-
-
-def _agreement(recording: Recording, index: TrackIndex) -> dict[str, tuple[BoolArray, BoolArray]]:
-    """For each cross-check: which vehicles have it, and which of them agree with the metas."""
-    tracks, metas = recording.tracks, recording.vehicles
-    facts = data_quality.vehicle_facts(
-        index,
-        x=tracks.x,
-        vx=tracks.vx,
-        lane=tracks.lane,
-        leader=_leader_index(tracks.leader_id, metas),
-        length=metas.length,
+def _motion(recording: Recording, own: IntArray, *, trim: float) -> dict[str, object]:
+    """Bias of the forward acceleration, and position against speed near the ends and between them."""
+    tracks, rate = recording.road.tracks, recording.meta.frame_rate
+    entry, stop = recording.road.extent[recording.vehicles.direction[own[0]] - 1]
+    found = disagreement(
+        tracks.index, tracks.x, tracks.vx, vehicles=own, rate=rate, extent=(entry, stop), trim=trim
     )
+    per_vehicle = np.add.reduceat(tracks.ax, tracks.index.starts[:-1])
+    return {
+        "mean_acceleration": float(per_vehicle[own].sum() / tracks.index.counts[own].sum()),
+        "mean_speed_change": mean_speed_change(tracks.index, tracks.vx, vehicles=own, rate=rate),
+        "disagreement_entry": found.size[ENTRY],
+        "disagreement_inner": found.size[INNER],
+        "disagreement_exit": found.size[EXIT],
+        "disagreement_profile": found.profile,
+    }
+
+
+def _agreement(recording: Recording, facts: VehicleFacts) -> dict[str, tuple[BoolArray, BoolArray]]:
+    """For each cross-check: which vehicles have it, and which of them agree with the metas."""
+    metas = recording.vehicles
     everyone = np.ones(len(metas.id), dtype=bool)
     gap_known = (metas.min_gap > 0) & np.isfinite(facts.min_gap)
     time_gap_known = (metas.min_time_gap > 0) & np.isfinite(facts.min_time_gap)
-    time_gap_error = np.abs(facts.min_time_gap - metas.min_time_gap)
+    time_gap_tolerance = _TIME_GAP_TOLERANCE * np.maximum(1.0, metas.min_time_gap)
+    n_rows = recording.road.tracks.index.counts + recording.duplicates
     return {
-        "n_frames": (everyone, facts.n_frames + recording.duplicates == metas.n_frames),
+        "n_frames": (everyone, n_rows == metas.n_frames),
         "lane_changes": (everyone, facts.lane_changes == metas.n_lane_changes),
         "min_gap": (gap_known, np.abs(facts.min_gap - metas.min_gap) <= _GAP_TOLERANCE_M),
         "min_time_gap": (
             time_gap_known,
-            time_gap_error <= _TIME_GAP_TOLERANCE * np.maximum(1.0, metas.min_time_gap),
+            np.abs(facts.min_time_gap - metas.min_time_gap) <= time_gap_tolerance,
         ),
         "travelled": (everyone, np.abs(facts.travelled - metas.travelled) <= _TRAVELLED_TOLERANCE_M),
     }
 
 
-def _leader_index(leader_id: NDArray[np.int64], metas: VehicleMetas) -> NDArray[np.int64]:
-    """Index of the vehicle behind each leader id, -1 = none; looked up once for each run of equal ids."""
-    starts = np.flatnonzero(np.diff(leader_id, prepend=-1))
-    ids = leader_id[starts]
-    index = np.searchsorted(metas.id, ids).clip(max=len(metas.id) - 1)
-    index = np.where(metas.id[index] == ids, index, -1)
-    return np.repeat(index, np.diff(starts, append=len(leader_id)))
-
-
-def _checks(agreement: dict[str, tuple[BoolArray, BoolArray]], own: BoolArray) -> dict[str, object]:
+def _checks(agreement: dict[str, tuple[BoolArray, BoolArray]], own: IntArray) -> dict[str, object]:
     shares, failed = {}, []
     for name, (known, equal) in agreement.items():
-        total, agree = int((known & own).sum()), int((known & own & equal).sum())
+        total, agree = int(known[own].sum()), int((known & equal)[own].sum())
         shares[f"share_{name}"] = agree / total if total else float("nan")
         if total - agree > max(1, (1 - _NEEDED_SHARE[name]) * total):
             failed.append(f"{name} ({total - agree} of {total} vehicles)")
