@@ -101,7 +101,7 @@ class EventReport:
     event: its row of ``events``; plans, losses, fits, tracking: its rows of those tables. v0: ego's speed at
     t_start [m/s]. dt: step of the motions [s]. divider: y of the marking that is crossed [m]; markings: y of all
     markings of the carriageway, ascending [m]. boxes: of each role. others: motions of the roles that no policy
-    moves. provenance: label and value pairs.
+    moves; observed: how many of their samples were recorded, the rest is predicted. provenance: labels, values.
     """
 
     event: Row
@@ -111,6 +111,7 @@ class EventReport:
     markings: tuple[float, ...]
     boxes: Mapping[str, Box]
     others: Mapping[str, Path]
+    observed: Mapping[str, int]
     plays: tuple[Play, ...]
     plans: tuple[Row, ...]
     losses: tuple[Row, ...]

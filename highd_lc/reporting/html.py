@@ -4,7 +4,6 @@ A page is one file that asks for nothing: no address outside it is ever loaded, 
 also forbids.
 """
 
-import base64
 import io
 import json
 import math
@@ -13,11 +12,12 @@ from functools import cache
 from importlib.resources import files
 from typing import Any, Final
 
+import matplotlib
 from jinja2 import Environment, PackageLoader, StrictUndefined, Template
 from markupsafe import Markup
 from matplotlib.figure import Figure
 
-from highd_lc.reporting import labels
+from highd_lc.reporting import drawing, labels
 
 _MISSING: Final = "–"
 _SCRIPT_ESCAPES: Final = {
@@ -109,21 +109,23 @@ def _asset(name: str) -> str:
 
 
 def inline_svg(figure: Figure, alternative: str) -> Markup:
-    """A matplotlib figure as SVG inside a page: its ink takes the page's colour, its ground is clear.
+    """A matplotlib figure as SVG inside a page, in the page's font and colours; its ground is clear.
 
-    alternative: what the figure shows, in words. Ink is what was drawn in ``figures_population.INK``.
+    alternative: what the figure shows, in words.
     """
     sink = io.StringIO()
-    figure.savefig(sink, format="svg", transparent=True, metadata={"Date": None, "Creator": None})
+    with matplotlib.rc_context({"svg.fonttype": "none", "svg.hashsalt": "highd_lc"}):
+        figure.savefig(sink, format="svg", transparent=True, metadata={"Date": None, "Creator": None})
     text = sink.getvalue()
-    text = text[text.index("<svg") :].replace(_INK, "currentColor")
+    text = text[text.index("<svg") :]
+    for colour, variable in _theme_colours().items():
+        text = text.replace(colour, variable)
     head = Markup('<svg role="img" aria-label="{}" ').format(alternative)
     return Markup(text.replace("<svg ", str(head), 1))
 
 
-_INK: Final = "#1a1d20"
-
-
-def data_uri(image: bytes, kind: str = "image/png") -> str:
-    """An image as an address that needs no file."""
-    return f"data:{kind};base64,{base64.b64encode(image).decode('ascii')}"
+@cache
+def _theme_colours() -> dict[str, str]:
+    """Colours of figures as matplotlib writes them, and what takes their place on a page with two themes."""
+    policies = {look.light.lower(): f"var(--policy-{policy})" for policy, look in labels.POLICIES.items()}
+    return policies | {drawing.INK: "currentColor", drawing.QUIET: "var(--quiet)", drawing.LINE: "var(--line)"}

@@ -99,7 +99,12 @@ def _co_moving(path: Path, report: EventReport) -> FloatArray:
 
 
 def _other(role: str, path: Path, report: EventReport, step: float) -> dict[str, Any]:
-    return {"role": role, **_packed([_co_moving(path, report), path.y, path.v, path.a], step)}
+    observed = report.observed.get(role, path.x.size)
+    return {
+        "role": role,
+        "observed": observed,
+        **_packed([_co_moving(path, report), path.y, path.v, path.a], step),
+    }
 
 
 def _play(play: Play, report: EventReport, step: float) -> dict[str, Any]:

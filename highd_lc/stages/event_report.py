@@ -10,18 +10,21 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from highd_lc.algorithms import planner
 from highd_lc.io import artefacts
 from highd_lc.reporting import labels
 from highd_lc.reporting.event import Box, EventReport, Path, Play, Row
+from highd_lc.stages.event_plays import policy_plays, surrounding
 from highd_lc.vocab import names
 from highd_lc.vocab.job import Job
+from highd_lc.vocab.scene import Scene
+from highd_lc.vocab.settings import ValidateSettings
 
 FloatArray = NDArray[np.float64]
 Tracks = Mapping[str, pd.DataFrame]
 
 PERIOD: Final = 0.1
 """Time step of all motions on a page [s]: the planner's, and the finest that a page to be shared may carry."""
-_OTHERS: Final = (names.ORIGIN_LEADER, names.TARGET_LEADER, names.ORIGIN_FOLLOWER)
 _GROUPED: Final = ("plans", "losses", "followers", "tracking")
 
 
@@ -73,23 +76,24 @@ def _provenance(job: Job) -> tuple[tuple[str, str], ...]:
     return (("code version", source.code), ("settings hash", source.settings), ("seed", str(source.seed)), *inputs)
 
 
-def recorded_report(event: Row, tables: RecordingTables, horizon_s: float) -> EventReport:
-    """The report of an event with what was recorded and tabulated; the policies' motions come on top."""
+def event_report(event: Row, tables: RecordingTables, scene: Scene, settings: ValidateSettings) -> EventReport:
+    """Everything that the page of an event shows."""
     event_id = str(event["event_id"])
     tracks = tables.tracks[event_id]
-    paths = _paths(tracks, PERIOD * np.arange(round(horizon_s / PERIOD) + 1))
-    ego = tracks[names.EGO]
-    divider = _divider(event, ego)
+    paths = _paths(tracks, PERIOD * np.arange(round(settings.loss.horizon_s / PERIOD) + 1))
+    divider = _divider(event, tracks[names.EGO])
     of_event = {name: rows.get(event_id, ()) for name, rows in tables.rows.items()}
+    problem = planner.pose(scene, settings)
     return EventReport(
         event=event,
-        v0=float(np.interp(0.0, ego["t"], ego["vx"])),
+        v0=scene.v0,
         dt=PERIOD,
         divider=divider,
         markings=_markings(event, tables, divider),
         boxes={role: tables.boxes[int(rows["vehicle_id"].iloc[0])] for role, rows in tracks.items()},
-        others={role: paths[role] for role in _OTHERS if role in paths},
-        plays=(_recorded_play(event, paths),),
+        others={role: Path(m.x, m.y, m.v, m.a) for role, m in surrounding(scene).items()},
+        observed={role: m.observed for role, m in surrounding(scene).items()},
+        plays=(*policy_plays(problem, of_event["plans"]), _recorded_play(event, paths)),
         plans=of_event["plans"],
         losses=of_event["losses"],
         fits=of_event["followers"],

@@ -1,16 +1,20 @@
 """Report: a page and a picture of each event, then the pages of the whole run."""
 
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 
 from highd_lc.io import artefacts
+from highd_lc.io.scenes import load_scenes
 from highd_lc.reporting.event import PAIRS, EventReport
-from highd_lc.reporting.figures_event import EventPainter, event_figure
+from highd_lc.reporting.figures_event import VECTOR_FORMATS, EventPainter, event_figure
 from highd_lc.reporting.pages_event import Links, event_page
 from highd_lc.reporting.pages_index import SPARK_SECONDS, IndexTables, index_page
-from highd_lc.stages.event_report import RecordingTables, read_tables, recorded_report
+from highd_lc.reporting.pages_population import calibration_page, dictionary_page, excluded_page, matrix_page
+from highd_lc.reporting.pages_summary import SummaryTables, summary_page
+from highd_lc.stages.event_report import RecordingTables, event_report, read_tables
 from highd_lc.vocab import names
 from highd_lc.vocab.errors import UsageError
 from highd_lc.vocab.job import Combination, Job, JobReport, ReportRequest
@@ -22,23 +26,36 @@ _MOST_AUTOMATIC = 500
 """Up to this many events, ``png = "auto"`` draws all of them."""
 
 
-def choose(work: Path, settings: ReportSettings, *, reports: Path, events: tuple[str, ...] = ()) -> ReportRequest:
+def choose(
+    work: Path,
+    settings: ReportSettings,
+    *,
+    reports: Path,
+    events: tuple[str, ...] = (),
+    vector: tuple[str, ...] = (),
+) -> ReportRequest:
     """What to make: pages of the events named (none named: all), and pictures as the settings ask.
 
-    Raises UsageError if an event is not among the usable ones.
+    vector: further formats of the pictures, "pdf" or "svg". Raises UsageError if an event is not among the usable
+    ones, or a format is another.
     """
+    _check_formats(vector)
     known = artefacts.read(work, "events", columns=["event_id"])["event_id"]
-    for event in events:
-        if event not in set(known):
-            raise UsageError(f"event {event!r}: not among the {len(known)} usable events of {work}")
-    if events:
-        pictures = frozenset() if settings.png == "none" else frozenset(events)
-        return ReportRequest(reports, frozenset(events), pictures)
-    if settings.png == "all" or (settings.png == "auto" and len(known) <= _MOST_AUTOMATIC):
-        return ReportRequest(reports)
-    return ReportRequest(
-        reports, pictures=frozenset() if settings.png == "none" else top_events(work, settings.top)
-    )
+    unknown = sorted(set(events) - set(known))
+    if unknown:
+        raise UsageError(f"event {unknown[0]!r}: not among the {len(known)} usable events of {work}")
+    wanted = frozenset(events) if events else None
+    if settings.png == "none":
+        return ReportRequest(reports, wanted, frozenset())
+    every = settings.png == "all" or (settings.png == "auto" and len(known) <= _MOST_AUTOMATIC)
+    pictures = wanted if events else None if every else top_events(work, settings.top)
+    return ReportRequest(reports, wanted, pictures, vector)
+
+
+def _check_formats(vector: tuple[str, ...]) -> None:
+    for kind in vector:
+        if kind not in VECTOR_FORMATS:
+            raise UsageError(f"vector {kind!r}: choose from {', '.join(VECTOR_FORMATS)}")
 
 
 def top_events(work: Path, count: int) -> frozenset[str]:
@@ -58,9 +75,10 @@ def run(job: Job, *, request: ReportRequest) -> JobReport:
     tables = read_tables(job)
     painter = EventPainter()
     rows = []
-    for k, event in enumerate(tables.events):
+    scenes = load_scenes(job.work, job.recording, job.settings.validation)
+    for k, (event, scene) in enumerate(zip(tables.events, scenes, strict=True)):
         if request.events is None or event["event_id"] in request.events:
-            report = recorded_report(event, tables, job.settings.validation.loss.horizon_s)
+            report = event_report(event, tables, scene, job.settings.validation)
             links = _links(tables, k, request)
             _write_event(report, links, painter, request=request, raw=job.settings.report.raw)
             rows.append(_page_row(report, job, links))
@@ -99,6 +117,19 @@ def _page_row(report: EventReport, job: Job, links: Links) -> dict[str, object]:
         "png": links.png,
         "hv1_speed_benchmark": _spark(report, names.BENCHMARK),
         "hv1_speed_local": _spark(report, names.LOCAL_OPTIMUM),
+        **_first_follower(report),
+    }
+
+
+def _first_follower(report: EventReport) -> dict[str, float]:
+    play = next((play for play in report.plays if play.followers), None)
+    if play is None:
+        return {"hv1_spacing_m": float("nan"), "hv1_speed_difference_mps": float("nan")}
+    first, boxes = play.followers[0], report.boxes
+    half = (boxes[names.EGO].length - boxes[names.target_follower(1)].length) / 2.0
+    return {
+        "hv1_spacing_m": float(play.ego.x[0] - first.x[0] + half),
+        "hv1_speed_difference_mps": float(first.v[0] - report.v0),
     }
 
 
@@ -112,19 +143,44 @@ def _spark(report: EventReport, policy: str) -> list[float]:
 
 
 def combine(combination: Combination, *, request: ReportRequest) -> JobReport:
-    """Make the index and the overview pages from the finished artefacts of the whole run."""
+    """Make the index and the overview pages from the finished artefacts of the whole run.
+
+    Pages of single events leave them as they are.
+    """
+    if request.events is not None:
+        return JobReport()
     work, raw = combination.work, combination.settings.report.raw
     artefacts.concatenate(work, STAGE, "event_pages", combination.recordings, combination.provenance)
-    columns = ["event_id", "policy", "accounting"]
-    tables = IndexTables(
-        events=artefacts.read(work, "events"),
-        crossings=artefacts.read(work, "crossings"),
-        plans=artefacts.read(work, "plans", columns=[*columns, "status"]),
-        losses=artefacts.read(work, "losses", columns=[*columns, "loss_total"]),
-        pages=artefacts.read(work, "event_pages"),
+    pages = dict(_overview_pages(work, raw))
+    for name, page in pages.items():
+        _write(request.reports / name, page.encode("utf-8"))
+    return JobReport({"overview_pages": len(pages)})
+
+
+def _overview_pages(work: Path, raw: bool) -> Iterator[tuple[str, str]]:
+    key = ["event_id", "policy", "accounting"]
+    events, crossings = artefacts.read(work, "events"), artefacts.read(work, "crossings")
+    plans = artefacts.read(work, "plans", columns=[*key, "status"])
+    losses = artefacts.read(work, "losses", columns=[*key, "loss_av", "loss_hv", "loss_total"])
+    pages = artefacts.read(work, "event_pages")
+    matrix = artefacts.read(work, "validation_matrix")
+    summary_lcm = artefacts.read(work, "summary_lcm")
+    summary = SummaryTables(
+        events=events,
+        crossings=crossings,
+        losses=losses,
+        matrix=matrix,
+        summary_losses=artefacts.read(work, "summary_losses"),
+        summary_lcm=summary_lcm,
+        recordings=artefacts.read(work, "recordings"),
+        pages=pages,
     )
-    _write(request.reports / "index.html", index_page(tables, raw=raw).encode("utf-8"))
-    return JobReport({"events": len(tables.events)})
+    yield "index.html", index_page(IndexTables(events, crossings, plans, losses, pages), raw=raw)
+    yield "summary.html", summary_page(summary)
+    yield "matrix.html", matrix_page(matrix)
+    yield "calibration.html", calibration_page(summary_lcm, artefacts.read(work, "followers"))
+    yield "excluded.html", excluded_page(crossings)
+    yield "dictionary.html", dictionary_page()
 
 
 def _write(path: Path, data: bytes) -> None:

@@ -411,6 +411,8 @@ EVENT_PAGES = Table(
             "hv1_speed_benchmark", "list<float64>", "simulated speed of HV 1, once a second [m/s]; empty = no plan"
         ),
         Column("hv1_speed_local", "list<float64>", "the same under the local optimum [m/s]"),
+        _number("hv1_spacing_m", "spacing of HV 1 to the ego at t_start, front to front", "m"),
+        _number("hv1_speed_difference_mps", "speed of HV 1 minus the ego's at t_start", "m/s"),
     ),
 )
 

@@ -136,6 +136,7 @@ def sample_event(p: int = 3) -> EventReport:
         v0=V0, dt=DT, divider=1.8, markings=(-1.9, 1.8, 5.5, 9.2),
         boxes={role: Box(4.6, 1.9) for role in (names.EGO, names.TARGET_LEADER, *roles)},
         others={names.TARGET_LEADER: leader()},
+        observed={names.TARGET_LEADER: 70},
         plays=tuple(plays),
         plans=tuple(plan_row(q, a, *of[q]) for q in of for a in names.ACCOUNTINGS),
         losses=tuple(loss_row(q, a, 0.2 * i, p) for i, q in enumerate(of) for a in names.ACCOUNTINGS),

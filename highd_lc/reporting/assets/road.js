@@ -57,7 +57,7 @@ class RoadView {
     const parts = [...this.distances(camera), this.trail(play, camera)];
     if (compared) parts.push(this.trail(compared, camera), ...this.ghosts(t, compared, camera));
     for (const other of this.data.others) {
-      parts.push(...this.vehicle(other, this.data.boxes[other.role], t, camera, "other", shortRole(other.role)));
+      parts.push(...this.vehicle(other, this.data.boxes[other.role], t, camera, t > (other.observed - 1) * this.data.dt ? "other predicted" : "other", shortRole(other.role)));
     }
     play.followers.forEach((follower, k) => {
       parts.push(...this.vehicle(follower, this.data.boxes[`target_follower_${k + 1}`], t, camera, "follower", `HV ${k + 1}`));

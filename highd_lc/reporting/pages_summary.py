@@ -1,0 +1,169 @@
+"""The summary page: the population's results on one screen, with links to everything behind them."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+import pandas as pd
+from markupsafe import Markup
+from numpy.typing import NDArray
+
+from highd_lc.reporting import figures_population as figures
+from highd_lc.reporting import html, labels
+from highd_lc.reporting.event import PAIRS
+from highd_lc.reporting.overview import Column, Section, overview_page, table_view
+from highd_lc.reporting.pages_population import funnel_section, matrix_section, table3_section, with_labels
+from highd_lc.vocab import names
+
+FloatArray = NDArray[np.float64]
+_EXTREMES: Final = 10
+
+
+@dataclass(frozen=True)
+class SummaryTables:
+    """Artefacts of a whole run that the summary shows."""
+
+    events: pd.DataFrame
+    crossings: pd.DataFrame
+    losses: pd.DataFrame
+    matrix: pd.DataFrame
+    summary_losses: pd.DataFrame
+    summary_lcm: pd.DataFrame
+    recordings: pd.DataFrame
+    pages: pd.DataFrame
+
+
+def summary_page(tables: SummaryTables) -> str:
+    """The results of a run on one page."""
+    lead = (
+        f"{len(tables.events)} lane changes of {tables.events['recording_id'].nunique()} recordings.",
+        Markup(
+            'More: <a href="index.html">all events</a>, <a href="matrix.html">the matrix by stratum</a>, '
+            '<a href="calibration.html">calibration</a>, <a href="excluded.html">excluded lane-id changes</a>.'
+        ),
+    )
+    return overview_page("summary.html", "Summary", _sections(tables), lead)
+
+
+def _sections(tables: SummaryTables) -> Iterator[Section]:
+    yield _renamed(matrix_section(with_labels(tables.matrix)), "Local optimum against benchmark")
+    yield _losses_section(tables)
+    yield _distribution_section(tables)
+    yield _map_section(tables)
+    yield _extremes_section(tables)
+    yield table3_section(tables.summary_lcm)
+    yield funnel_section(tables.crossings)
+    yield _quality_section(tables.recordings)
+
+
+def _renamed(section: Section, title: str) -> Section:
+    return Section(title, section.text, section.figure, section.caption, section.tables, section.anchor)
+
+
+def totals(
+    losses: pd.DataFrame, events: pd.DataFrame, form: str, accounting: str
+) -> tuple[FloatArray, FloatArray]:
+    """Total losses of the local optimum and of the benchmark in the order of the events, NaN where undefined."""
+    rows = losses[losses["accounting"] == accounting]
+    local, benchmark = (
+        rows[rows["policy"] == policy].set_index("event_id")["loss_total"].reindex(events["event_id"])
+        for policy in PAIRS[form]
+    )
+    return local.to_numpy(float), benchmark.to_numpy(float)
+
+
+_DIFFERENCE_COLUMNS: Final = (
+    Column("policy_label", "Policy"),
+    Column("against_label", "against"),
+    Column("quantity", "Loss"),
+    Column("n", "Events", digits=0),
+    Column("mean", "Mean", digits=3),
+    Column("mean_against", "Mean of the other", digits=3),
+    Column("ratio_of_sums", "Ratio of sums", digits=4),
+    Column("median_difference", "Median difference", digits=4),
+    Column("hodges_lehmann", "Hodges-Lehmann", digits=4),
+    Column("difference_low", "Mean difference from", digits=4),
+    Column("difference_high", "to", digits=4),
+    Column("share_better", "Better", "%", 1, 100.0),
+    Column("share_worse", "Worse", "%", 1, 100.0),
+    Column("share_tied", "Tied", "%", 1, 100.0),
+)
+
+
+def _losses_section(tables: SummaryTables) -> Section:
+    rows = tables.summary_losses
+    primary = rows[rows["accounting"] == names.PRIMARY_ACCOUNTING].assign(
+        policy_label=lambda t: t["policy"].map(lambda p: labels.POLICIES[p].label),
+        against_label=lambda t: t["against"].map(lambda p: labels.POLICIES[p].label),
+    )
+    figure = html.inline_svg(
+        figures.loss_bars(tables.losses),
+        "Mean loss of AV and followers by policy, under each accounting; numbers in the table.",
+    )
+    caption = "Paired differences under the accounting “equal”; intervals are bootstraps over recordings."
+    return Section("Losses by policy", figure=figure, tables=(table_view(primary, _DIFFERENCE_COLUMNS, caption),))
+
+
+def _distribution_section(tables: SummaryTables) -> Section:
+    gains = {}
+    for form in names.FORMS:
+        local, benchmark = totals(tables.losses, tables.events, form, names.PRIMARY_ACCOUNTING)
+        if np.isfinite(local).any():
+            gains[form] = 1.0 - local / benchmark
+    words = "; ".join(f"{labels.FORMS[f]}: median {html.percent(np.nanmedian(g))}" for f, g in gains.items())
+    figure = html.inline_svg(figures.gain_distribution(gains), f"Distribution of the gain over events. {words}")
+    return Section("Distribution of the gain", (f"Accounting “equal”. {words}.",), figure)
+
+
+def _map_section(tables: SummaryTables) -> Section:
+    local, benchmark = totals(tables.losses, tables.events, names.FIXED, names.PRIMARY_ACCOUNTING)
+    start = tables.pages.set_index("event_id").reindex(tables.events["event_id"])
+    figure = figures.gain_map(
+        start["hv1_spacing_m"].to_numpy(float), start["hv1_speed_difference_mps"].to_numpy(float), local, benchmark
+    )
+    return Section(
+        "Where local optimality pays",
+        figure=html.inline_svg(
+            figure, "Gain over spacing and speed difference of the first follower at the start."
+        ),
+        caption="Every dot is an event; a tile's colour is the gain over its events (three at least). Fixed end "
+        "speed, accounting “equal”.",
+    )
+
+
+def _extremes_section(tables: SummaryTables) -> Section:
+    local, benchmark = totals(tables.losses, tables.events, names.FIXED, names.PRIMARY_ACCOUNTING)
+    frame = tables.events[["event_id", "ego_class", "direction"]].assign(
+        benchmark=benchmark, local=local, gain=100.0 * (1.0 - local / benchmark)
+    )
+    ranked = frame.dropna(subset="gain").sort_values(["gain", "event_id"], ascending=[False, True])
+    columns = (
+        Column("event_id", "Event", link="events/{}.html"),
+        Column("ego_class", "Class"),
+        Column("direction", "Direction"),
+        Column("benchmark", "Benchmark", digits=2),
+        Column("local", "Local optimum", digits=2),
+        Column("gain", "Gain", "%", 2),
+    )
+    best = table_view(ranked.head(_EXTREMES), columns, "Largest gains")
+    worst = table_view(ranked.iloc[::-1].head(_EXTREMES), columns, "Smallest gains")
+    return Section("Best and worst events", ("Fixed end speed, accounting “equal”.",), tables=(best, worst))
+
+
+def _quality_section(recordings: pd.DataFrame) -> Section:
+    columns = (
+        Column("recording_id", "Recording", digits=0),
+        Column("driving_direction", "Direction", digits=0),
+        Column("n_vehicles", "Vehicles", digits=0),
+        Column("n_trucks", "Trucks", digits=0),
+        Column("frame_rate", "Frame rate", "Hz", 1),
+        Column("n_holes", "Holes", digits=0),
+        Column("share_outside", "Rows outside markings", "%", 2, 100.0),
+        Column("mean_acceleration", "Mean acceleration (bias)", "m/s²", 4),
+        Column("disagreement_inner", "|dx/dt − vx| inside", "m/s", 3),
+        Column("share_lane_changes", "Lane-id changes agree", "%", 2, 100.0),
+        Column("failed", "Failed cross-checks"),
+    )
+    frame = recordings.assign(failed=recordings["failed_checks"].map(", ".join))
+    return Section("Quality of the data", tables=(table_view(frame, columns),), anchor="quality")
