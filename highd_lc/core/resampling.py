@@ -9,8 +9,8 @@ FloatArray = NDArray[np.float64]
 def hermite(t: FloatArray, x: FloatArray, v: FloatArray, grid: FloatArray) -> FloatArray:
     """Positions at grid times by cubic Hermite interpolation with the recorded speeds.
 
-    t: ascending sample times [s], x: positions [m], v: speeds [m/s], each of shape (n,), n >= 2; grid: times within
-    t [s], shape (m,). Returns positions [m], shape (m,).
+    t: ascending sample times [s], x: positions [m], v: speeds [m/s], each of shape (n,), n >= 2; grid: times
+    within t [s], shape (m,). Returns positions [m], shape (m,).
     """
     i = np.clip(np.searchsorted(t, grid, side="right") - 1, 0, len(t) - 2)
     h = t[i + 1] - t[i]

@@ -1,0 +1,196 @@
+"""One follower's fit of the LCM: from its car-following track to parameters, quality of fit and dispersion."""
+
+import hashlib
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from highd_lc.algorithms.genetic import GeneticAlgorithm
+from highd_lc.algorithms.genetic_pymoo import PymooGeneticAlgorithm
+from highd_lc.algorithms.least_squares import STARTS, descend
+from highd_lc.algorithms.optimisation import Optimiser, Optimum
+from highd_lc.algorithms.screening import Screening, screen
+from highd_lc.core.car_following import (
+    TIME_STEP,
+    FitProblem,
+    FollowingTrack,
+    fit_problem,
+    open_loop_objective,
+    simulate,
+)
+from highd_lc.vocab.lcm_parameters import LOWER_BOUNDS, PARAMETERS, UPPER_BOUNDS
+from highd_lc.vocab.settings import CalibrateSettings
+
+FloatArray = NDArray[np.float64]
+
+# Why a follower is not fitted.
+TOO_SHORT: Final = "too_short"
+NOT_FINITE: Final = "not_finite"
+STANDING_STILL: Final = "standing_still"
+NO_ACCELERATION: Final = "no_acceleration"
+
+# A parameter this close to a bound, as a share of its range, sits on it.
+_AT_BOUND = 1e-3
+# Below this root mean square of speed [m/s] the follower stands: relative errors of speed mean nothing.
+_STANDING = 0.1
+# Starts whose objective is within this share of the best are equally good.
+_EQUALLY_GOOD = 0.02
+# Points screened for the starts that polish a GA's best.
+_POLISH_SCREEN = 512
+
+
+@dataclass(frozen=True)
+class Quality:
+    """Closed-loop errors of a fit and the paper's one-step objective.
+
+    RMSE of spacing [m], speed [m/s] and acceleration [m/s^2]; nrmse_spacing = RMSE / RMS of the recorded spacing;
+    theil_u = RMSE / (RMS simulated + RMS recorded) of spacing; paper_j: NaN if the follower never accelerates.
+    """
+
+    rmse_spacing: float
+    rmse_speed: float
+    rmse_acceleration: float
+    nrmse_spacing: float
+    theil_u: float
+    paper_j: float
+
+
+@dataclass(frozen=True)
+class FollowerFit:
+    """A fit, or the reason why there is none.
+
+    parameters: shape (6,) in the order of ``PARAMETERS``; objective: of the parameters kept; objective_ga: of the
+    GA before the polish, NaN without a GA; spread: standard deviation of each parameter over the equally good
+    starts, shape (6,), NaN if there is only one; reason: empty when fitted. Unavailable is NaN.
+    """
+
+    parameters: FloatArray
+    objective: float
+    objective_ga: float
+    quality: Quality
+    spread: FloatArray
+    at_bound: tuple[str, ...]
+    n_samples: int
+    reason: str
+
+
+def follower_seed(run_seed: int, event_id: str, follower: int) -> int:
+    """Seed of one follower's fit: a hash, the same in every process, order and batch. follower: rank from 1."""
+    digest = hashlib.blake2b(f"{run_seed}/{event_id}/{follower}".encode(), digest_size=8).digest()
+    return int.from_bytes(digest, "big") >> 1
+
+
+def method_name(settings: CalibrateSettings) -> str:
+    """Objective and optimiser in one word, such as ``closed-loop/ga+polish``."""
+    polish = "+polish" if settings.polish and settings.optimiser != "screen" else ""
+    delay = "/delay" if settings.delay == "explicit" else ""
+    return f"{settings.objective}/{settings.optimiser}{polish}{delay}"
+
+
+def make_optimiser(settings: CalibrateSettings) -> Optimiser:
+    """The optimiser that the settings name."""
+    if settings.optimiser == "screen":
+        return Screening(settings.screened)
+    method = GeneticAlgorithm if settings.optimiser == "ga" else PymooGeneticAlgorithm
+    return method(
+        settings.population,
+        settings.generations,
+        settings.crossover_probability,
+        settings.mutation_probability,
+    )
+
+
+def why_not(track: FollowingTrack, settings: CalibrateSettings) -> str:
+    """Why a track cannot be fitted; empty if it can."""
+    if (len(track.x) - 1) * TIME_STEP < settings.min_window_s - 1e-9:
+        return TOO_SHORT
+    if not np.isfinite(track.as_array()).all():
+        return NOT_FINITE
+    if np.sqrt(np.mean(track.v**2)) < _STANDING:
+        return STANDING_STILL
+    if settings.objective == "paper" and not np.any(track.a):
+        return NO_ACCELERATION
+    return ""
+
+
+def fit_follower(track: FollowingTrack, settings: CalibrateSettings, *, seed: int) -> FollowerFit:
+    """Fit the LCM to a follower's track (SPEC section 9); deterministic for a seed."""
+    reason = why_not(track, settings)
+    if reason:
+        return unfitted(len(track.x), reason)
+    problem = pose(track, settings)
+    rng = np.random.default_rng(seed)
+    found = make_optimiser(settings).minimise(problem, rng)
+    points, objectives = _starts(problem, found, rng)
+    genetic = settings.optimiser != "screen"
+    kept = found
+    if settings.polish or not genetic:
+        best = int(np.argmin(objectives))
+        kept = Optimum(points[:, best].copy(), float(objectives[best]), found.evaluations)
+    return FollowerFit(
+        kept.parameters,
+        kept.objective,
+        found.objective if genetic else np.nan,
+        assess(track, kept.parameters, delayed=problem.delayed),
+        _spread(points, objectives),
+        bounds_hit(kept.parameters),
+        len(track.x),
+        "",
+    )
+
+
+def pose(track: FollowingTrack, settings: CalibrateSettings) -> FitProblem:
+    """The problem of a track under the settings: objective, delay and the bounds of Table 3."""
+    return fit_problem(
+        track,
+        LOWER_BOUNDS.as_array(),
+        UPPER_BOUNDS.as_array(),
+        open_loop=settings.objective == "paper",
+        delayed=settings.delay == "explicit",
+    )
+
+
+def _starts(problem: FitProblem, found: Optimum, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
+    """Levenberg-Marquardt from the optimum found and from the best of a screen: points (6, n), objectives (n,)."""
+    others = screen(problem, rng, count=_POLISH_SCREEN, keep=STARTS - 1)
+    starts = np.concatenate([found.parameters[:, None], others], axis=1)
+    return descend(problem, starts, iterations=30)
+
+
+def _spread(points: FloatArray, objectives: FloatArray) -> FloatArray:
+    good = objectives <= (1.0 + _EQUALLY_GOOD) * objectives.min()
+    return points[:, good].std(axis=1) if good.sum() > 1 else np.full(6, np.nan)
+
+
+def bounds_hit(parameters: FloatArray) -> tuple[str, ...]:
+    """Names of the parameters (6,) that sit on a bound."""
+    lower, upper = LOWER_BOUNDS.as_array(), UPPER_BOUNDS.as_array()
+    distance = np.minimum(parameters - lower, upper - parameters) / (upper - lower)
+    return tuple(name for name, near in zip(PARAMETERS, distance <= _AT_BOUND, strict=True) if near)
+
+
+def assess(track: FollowingTrack, parameters: FloatArray, *, delayed: bool) -> Quality:
+    """Errors of a closed-loop simulation with parameters (6,), and the paper's J."""
+    simulated = simulate(track, parameters, delayed=delayed)
+    spacing = track.leader_x - simulated.x
+    rmse = _rms(spacing - track.spacing)
+    return Quality(
+        rmse,
+        _rms(simulated.v - track.v),
+        _rms(simulated.a - track.a),
+        rmse / _rms(track.spacing),
+        rmse / (_rms(spacing) + _rms(track.spacing)),
+        open_loop_objective(track, parameters, delayed=delayed),
+    )
+
+
+def _rms(values: FloatArray) -> float:
+    return float(np.sqrt(np.mean(values**2)))
+
+
+def unfitted(n_samples: int, reason: str) -> FollowerFit:
+    """A fit that says why there is none."""
+    nothing = Quality(*[np.nan] * 6)
+    return FollowerFit(np.full(6, np.nan), np.nan, np.nan, nothing, np.full(6, np.nan), (), n_samples, reason)

@@ -1,0 +1,220 @@
+"""Batched Levenberg-Marquardt within bounds: up to ``STARTS`` starts of one fit advance together.
+
+The closed-loop objective is a sum of two norms, ||r_s|| + ||r_v||, not a sum of squares. Each iteration minimises
+its quadratic majorant, sum_q (||r_q||^2 / n_q + n_q) / 2 with n_q the present norm, whose gradient at the present
+point is the objective's own; steps are accepted on the objective itself. Derivatives are one-sided differences,
+simulated as further candidates of the same tile.
+"""
+
+import math
+from typing import Final
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from highd_lc.core.car_following import (
+    ACCELERATION_FLOOR,
+    ERROR_1,
+    LANES,
+    SIM_A,
+    SIM_V,
+    SIM_X,
+    SIMULATED,
+    A,
+    FitProblem,
+    V,
+    X,
+    evaluate_tile,
+    new_scratch,
+)
+
+FloatArray = NDArray[np.float64]
+
+STARTS: Final = 32
+"""Most starts of a batch: each takes 1 + 6 candidates of a tile."""
+# Difference step as a share of the parameter's range: the error of the derivative is of the same order.
+_DIFFERENCE = 1e-6
+_FIRST_DAMPING, _LEAST_DAMPING, _MOST_DAMPING = 1e-2, 1e-9, 1e9
+_SOFTER, _HARDER = 0.25, 4.0
+# A norm below this counts as this in the majorant: the fit is then exact to rounding.
+_LEAST_NORM = 1e-13
+# Rows of the normal equations of a batch: upper triangle of the Hessian, gradient, residuals and derivatives.
+_HESSIAN, _GRADIENT, _RESIDUAL, _DERIVATIVE = 0, 21, 27, 29
+_ROWS = 41
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _spread_candidates(problem: FitProblem, n: int, trial: FloatArray, candidates: FloatArray) -> None:
+    """Candidates of n starts: the trial points, then for each parameter the points displaced in it."""
+    for j in range(6):
+        step = _DIFFERENCE * (problem.upper[j] - problem.lower[j])
+        for s in range(n):
+            for moved in range(7):
+                candidates[j, moved * STARTS + s] = trial[j, s]
+            inside = trial[j, s] + step <= problem.upper[j]
+            candidates[j, (1 + j) * STARTS + s] += step if inside else -step
+
+
+@njit(cache=True, nogil=True, fastmath={"contract"}, error_model="numpy")
+def _accumulate(
+    first: int, recorded: float, states: FloatArray, scales: FloatArray, inverse: FloatArray, normal: FloatArray
+) -> None:
+    """Add one sample of one simulated quantity to the normal equations of all starts.
+
+    first: offset of the quantity's row in states; scales: square root of the weight a start, inverse: 1 / step,
+    6 rows; normal: the flat rows of the batch.
+    """
+    row = states[first : first + LANES]
+    for s in range(STARTS):
+        base = row[s]
+        residual = scales[s] * (base - recorded)
+        for i in range(6):
+            derivative = scales[s] * (row[(1 + i) * STARTS + s] - base) * inverse[i * STARTS + s]
+            normal[(_DERIVATIVE + i) * STARTS + s] = derivative
+            normal[(_GRADIENT + i) * STARTS + s] += derivative * residual
+    for s in range(STARTS):
+        place = 0
+        for i in range(6):
+            for j in range(i + 1):
+                normal[place * STARTS + s] += (
+                    normal[(_DERIVATIVE + i) * STARTS + s] * normal[(_DERIVATIVE + j) * STARTS + s]
+                )
+                place += 1
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _linearise(
+    problem: FitProblem,
+    trial: FloatArray,
+    candidates: FloatArray,
+    scratch: FloatArray,
+    states: FloatArray,
+    normal: FloatArray,
+) -> None:
+    """Normal equations of the majorant at the trial points, whose candidates have just been simulated."""
+    scales, inverse = np.ones((2, STARTS)), np.empty(6 * STARTS)
+    normal[:] = 0.0
+    for s in range(STARTS):
+        for j in range(6):
+            inverse[j * STARTS + s] = 1.0 / (candidates[j, (1 + j) * STARTS + s] - candidates[j, s])
+        for q in range(2):
+            error = scratch[(ERROR_1 + q) * LANES + s]
+            norm = max(math.sqrt(problem.weights[q] * error), _LEAST_NORM)
+            scales[q, s] = math.sqrt(problem.weights[q] / norm)
+    for k in range(problem.track.shape[1]):
+        now = k * SIMULATED * LANES
+        if problem.open_loop:
+            recorded = problem.track[A, k]
+            scales[0, :] = math.sqrt(2.0 * problem.weights[2] / max(abs(recorded), ACCELERATION_FLOOR))
+            _accumulate(now + SIM_A * LANES, recorded, states, scales[0], inverse, normal)
+        else:
+            _accumulate(now + SIM_X * LANES, problem.track[X, k], states, scales[0], inverse, normal)
+            _accumulate(now + SIM_V * LANES, problem.track[V, k], states, scales[1], inverse, normal)
+    for j in range(6):
+        for s in range(trial.shape[1]):
+            offset = trial[j, s] - problem.centre[j]
+            normal[(_GRADIENT + j) * STARTS + s] += 2.0 * problem.strength[j] * offset
+            normal[(j * (j + 3) // 2) * STARTS + s] += 2.0 * problem.strength[j]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _solve_free(matrix: FloatArray, right: FloatArray, free: NDArray[np.bool_], step: FloatArray) -> None:
+    """Solve matrix step = right for the free components by Cholesky; the others of step are given (6, 6)."""
+    factor = np.zeros((6, 6))
+    for i in range(6):
+        if not free[i]:
+            factor[i, i] = 1.0
+            continue
+        for j in range(i + 1):
+            if free[j]:
+                value = matrix[i, j]
+                for m in range(j):
+                    value -= factor[i, m] * factor[j, m]
+                factor[i, j] = math.sqrt(max(value, 1e-300)) if i == j else value / factor[j, j]
+    solution = np.zeros(6)
+    for i in range(6):
+        if free[i]:
+            value = right[i]
+            for j in range(6):
+                if not free[j]:
+                    value -= matrix[i, j] * step[j]
+            for m in range(i):
+                value -= factor[i, m] * solution[m]
+            solution[i] = value / factor[i, i]
+    for i in range(5, -1, -1):
+        if free[i]:
+            value = solution[i]
+            for m in range(i + 1, 6):
+                if free[m]:
+                    value -= factor[m, i] * step[m]
+            step[i] = value / factor[i, i]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _bounded_step(
+    problem: FitProblem, equations: FloatArray, damping: float, point: FloatArray, step: FloatArray
+) -> None:
+    """Damped Newton step of one start that stays within the bounds.
+
+    equations: Hessian's lower triangle (21) and gradient (6). Components at a bound that the gradient pushes
+    outward stay; components whose step would leave the bounds stop there and the rest is solved again.
+    """
+    matrix, right, free = np.empty((6, 6)), np.empty(6), np.ones(6, np.bool_)
+    for i in range(6):
+        for j in range(i + 1):
+            matrix[i, j] = matrix[j, i] = equations[i * (i + 1) // 2 + j]
+        right[i] = -equations[_GRADIENT + i]
+        at_lower, at_upper = point[i] <= problem.lower[i], point[i] >= problem.upper[i]
+        free[i] = not ((at_lower and right[i] <= 0.0) or (at_upper and right[i] >= 0.0))
+        step[i] = 0.0
+    for i in range(6):
+        matrix[i, i] += damping * matrix[i, i] + 1e-30
+    for _ in range(6):
+        _solve_free(matrix, right, free, step)
+        stopped = False
+        for i in range(6):
+            if free[i] and not problem.lower[i] <= point[i] + step[i] <= problem.upper[i]:
+                bound = problem.lower[i] if step[i] < 0.0 else problem.upper[i]
+                step[i], free[i], stopped = bound - point[i], False, True
+        if not stopped:
+            return
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _descend(
+    problem: FitProblem, points: FloatArray, iterations: int, scratch: FloatArray, states: FloatArray
+) -> FloatArray:
+    """Improve the starts points (6, n), n <= STARTS, in place; returns their objectives (n,)."""
+    n = points.shape[1]
+    candidates = np.ones((6, 7 * STARTS))
+    values, normal = np.empty(7 * STARTS), np.empty(_ROWS * STARTS)
+    best, damping = np.full(n, np.inf), np.full(n, _FIRST_DAMPING)
+    equations, trial, step = np.empty((n, _RESIDUAL)), points.copy(), np.empty(6)
+    for _ in range(iterations + 1):
+        _spread_candidates(problem, n, trial, candidates)
+        evaluate_tile(problem, candidates, 0, 7 * STARTS, scratch, states, values)
+        _linearise(problem, trial, candidates, scratch, states, normal)
+        for s in range(n):
+            if values[s] < best[s]:
+                best[s] = values[s]
+                points[:, s] = trial[:, s]
+                damping[s] = max(damping[s] * _SOFTER, _LEAST_DAMPING)
+                for row in range(_RESIDUAL):
+                    equations[s, row] = normal[row * STARTS + s]
+            else:
+                damping[s] = min(damping[s] * _HARDER, _MOST_DAMPING)
+            _bounded_step(problem, equations[s], damping[s], points[:, s], step)
+            for j in range(6):
+                trial[j, s] = min(max(points[j, s] + step[j], problem.lower[j]), problem.upper[j])
+    return best
+
+
+def descend(problem: FitProblem, starts: FloatArray, *, iterations: int) -> tuple[FloatArray, FloatArray]:
+    """Levenberg-Marquardt from each start: points (6, n) within the bounds and their objectives (n,).
+
+    starts: shape (6, n), n <= STARTS, within the bounds.
+    """
+    points = np.ascontiguousarray(starts, dtype=float).copy()
+    scratch, states = new_scratch(problem.track.shape[1])
+    return points, _descend(problem, points, iterations, scratch, states)
