@@ -62,11 +62,11 @@ def _event_rows(
             "recording_id": event.recording_id,
             "follower": rank,
             "vehicle_id": int(vehicle),
-            "class": vehicles.at[vehicle, "class"],
+            "class": vehicles.loc[vehicle, "class"],
             "method": method_name(job.settings.calibrate),
             "seed": seed,
         }
-        yield about | _fit_columns(fit, leader_length, float(vehicles.at[new_leader, "length"]))
+        yield about | _fit_columns(fit, leader_length, float(vehicles.loc[new_leader, "length"]))
         leader_role = role
 
 
@@ -74,7 +74,7 @@ def _motion(rows: pd.DataFrame, vehicles: pd.DataFrame, vehicle: int | None = No
     """Rows of one vehicle; vehicle is needed where there may be no rows."""
     t, x, v, a = (rows[name].to_numpy(np.float64) for name in ("t", "x", "vx", "ax"))
     who = int(rows["vehicle_id"].iloc[0]) if vehicle is None else vehicle
-    return RecordedMotion(t, x, v, a, float(vehicles.at[who, "length"]))
+    return RecordedMotion(t, x, v, a, float(vehicles.loc[who, "length"]))
 
 
 def _fit_columns(fit: FollowerFit, leader_length: float, new_leader_length: float) -> Row:
@@ -97,7 +97,7 @@ def _fit_columns(fit: FollowerFit, leader_length: float, new_leader_length: floa
     if fit.reason:
         return row | _published()
     parameters = dict(zip(PARAMETERS, fit.parameters.tolist(), strict=True))
-    L_replay = replay_L(parameters["L"], leader_length, new_leader_length)
+    L_replay = moved_behind(parameters["L"], leader_length, new_leader_length)
     return row | parameters | {"L_replay": L_replay, "leader_length_m": leader_length}
 
 
@@ -107,7 +107,7 @@ def _published() -> Row:
     return parameters | {"L_replay": TABLE3_MEANS.L, "leader_length_m": np.nan, "method": _PUBLISHED_METHOD}
 
 
-def replay_L(L: float, leader_length: float, new_leader_length: float) -> float:
+def moved_behind(L: float, leader_length: float, new_leader_length: float) -> float:
     """L moved from the leader it was fitted behind to the leader of the replay [m] (SPEC section 3)."""
     return float(np.clip(L - leader_length + new_leader_length, *REPLAY_L_BOUNDS))
 
@@ -154,7 +154,7 @@ def _with_pools(part: pd.DataFrame, pools: dict[str, Row], combination: Combinat
                 new_leader = lengths[row["event_id"], row["follower"]]
                 row |= pool | {"reason": row["reason"]}
                 row["status"] = names.CLASS_POOL if own_class else names.POOL
-                row["L_replay"] = replay_L(pool["L"], pool["leader_length_m"], new_leader)
+                row["L_replay"] = moved_behind(pool["L"], pool["leader_length_m"], new_leader)
     frame = pd.DataFrame(rows, columns=_COLUMNS, dtype=None if rows else object)
     return artefacts.to_arrow("followers", frame, combination.provenance)
 
