@@ -12,9 +12,9 @@ import numpy as np
 import pandas as pd
 
 from highd_lc.algorithms.traffic_film import Film, film_carriageway
-from highd_lc.io.synthetic_csv import write_table
+from highd_lc.io.synthetic_csv import write_frame, write_table
 from highd_lc.io.synthetic_highd import HAS_DECIMALS, TRACK_COLUMNS, Site, Tracks, encode
-from highd_lc.io.synthetic_meta import draw_occasion, write_metas
+from highd_lc.io.synthetic_meta import draw_occasion, recording_meta, tracks_meta
 from highd_lc.io.synthetic_truth import drivers_table, truth_table
 from highd_lc.vocab.recorder import RecorderSettings
 
@@ -46,7 +46,6 @@ def synthesize(
     Recording k depends on the seed, k and the settings alone. workers: threads (the compiled work runs outside
     the interpreter's lock).
     """
-    out.mkdir(parents=True, exist_ok=True)
     settings = settings or RecorderSettings()
     numbers = list(range(1, recordings + 1))
     with ThreadPoolExecutor(workers) as pool:
@@ -55,24 +54,19 @@ def synthesize(
 
 
 def write_recording(out: Path, recording: int, seconds: float, seed: int, *, settings: RecorderSettings) -> None:
-    """Simulate one recording and write its five files."""
-    rng = np.random.default_rng((seed, recording))
+    """Simulate one recording and write its five files, each whole; recordingMeta, the smallest, comes last."""
     scene = simulate_recording(recording, seconds, seed, settings=settings)
-    name = f"{recording:02d}"
-    frames = scene.films[1].frames
+    name, rate = f"{recording:02d}", settings.frame_rate
+    truth, drivers = truth_of(scene, rate)
+    write_frame(out / f"{name}_truth.csv", truth, float_format="%.3f")
+    write_frame(out / f"{name}_truth_drivers.csv", drivers, float_format="%.6g")
     write_table(out / f"{name}_tracks.csv", ",".join(TRACK_COLUMNS), scene.tracks.table, decimals=HAS_DECIMALS)
-    write_metas(
-        out,
-        recording,
-        scene.tracks,
-        site=scene.site,
-        frames=frames,
-        settings=settings,
-        occasion=draw_occasion(rng),
-    )
-    truth, drivers = truth_of(scene, settings.frame_rate)
-    truth.to_csv(out / f"{name}_truth.csv", index=False, float_format="%.3f")
-    drivers.to_csv(out / f"{name}_truth_drivers.csv", index=False, float_format="%.6g")
+    vehicles = tracks_meta(scene.tracks)
+    write_frame(out / f"{name}_tracksMeta.csv", vehicles, float_format="%.2f")
+    occasion = draw_occasion(np.random.default_rng((seed, recording)))
+    filmed = scene.films[1].frames / rate
+    meta = recording_meta(recording, vehicles, scene.site, seconds=filmed, frame_rate=rate, occasion=occasion)
+    write_frame(out / f"{name}_recordingMeta.csv", meta, float_format="%.2f")
 
 
 def simulate_recording(recording: int, seconds: float, seed: int, *, settings: RecorderSettings) -> Scene:

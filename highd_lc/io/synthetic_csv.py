@@ -4,8 +4,11 @@ from pathlib import Path
 from typing import BinaryIO
 
 import numpy as np
+import pandas as pd
 from numba import njit
 from numpy.typing import NDArray
+
+from highd_lc.io.whole_file import whole_file
 
 _ROWS_A_CHUNK = 32768
 _LONGEST_FIELD = 13  # sign, ten digits of an int32, decimal point, separator
@@ -14,9 +17,15 @@ _MINUS, _POINT, _ZERO, _COMMA, _NEWLINE = 45, 46, 48, 44, 10
 
 def write_table(path: Path, header: str, table: NDArray[np.int32], *, decimals: NDArray[np.bool_]) -> None:
     """Write a table, shape (rows, columns); columns with decimals hold hundredths and print two decimals."""
-    with path.open("wb") as file:
+    with whole_file(path) as file:
         file.write(header.encode() + b"\n")
         _write_rows(file, table, decimals)
+
+
+def write_frame(path: Path, frame: pd.DataFrame, *, float_format: str) -> None:
+    """Write a small table as CSV."""
+    with whole_file(path) as file:
+        file.write(frame.to_csv(index=False, float_format=float_format).encode())
 
 
 def _write_rows(file: BinaryIO, table: NDArray[np.int32], decimals: NDArray[np.bool_]) -> None:

@@ -1,14 +1,12 @@
 """The two meta files of a synthetic recording, computed from its printed tracks as HighD's agree with theirs."""
 
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
 
 from highd_lc.io.synthetic_highd import Site, Tracks
 from highd_lc.vocab import names
-from highd_lc.vocab.recorder import RecorderSettings
 
 _MONTHS = ("09.2017", "10.2017", "05.2018", "06.2018")
 _WEEK_DAYS = ("Mon", "Tue", "Wed", "Thu", "Fri")
@@ -79,29 +77,26 @@ def _lane_changes(tracks: Tracks) -> np.ndarray:
     return np.add.reduceat(changed, tracks.first[:-1])
 
 
-def write_metas(
-    out: Path, recording: int, tracks: Tracks, *, site: Site, frames: int, settings: RecorderSettings,
-    occasion: Occasion,
-) -> None:  # fmt: skip
-    """Write NN_tracksMeta.csv and NN_recordingMeta.csv."""
-    meta = tracks_meta(tracks)
-    meta.to_csv(out / f"{recording:02d}_tracksMeta.csv", index=False, float_format="%.2f")
-    trucks = int(tracks.truck.sum())
+def recording_meta(
+    recording: int, meta: pd.DataFrame, site: Site, *, seconds: float, frame_rate: float, occasion: Occasion
+) -> pd.DataFrame:
+    """The one row of recordingMeta, printed as HighD prints it. meta: the recording's tracksMeta."""
+    trucks = int((meta["class"] == names.TRUCK).sum())
     row = {
         "id": recording,
-        "frameRate": f"{settings.frame_rate:g}",
+        "frameRate": f"{frame_rate:g}",
         "locationId": occasion.location,
         "speedLimit": f"{occasion.speed_limit:.2f}",
         "month": occasion.month,
         "weekDay": occasion.week_day,
         "startTime": occasion.start_time,
-        "duration": f"{frames / settings.frame_rate:.2f}",
+        "duration": f"{seconds:.2f}",
         "totalDrivenDistance": f"{meta['traveledDistance'].sum():.2f}",
-        "totalDrivenTime": f"{meta['numFrames'].sum() / settings.frame_rate:.2f}",
+        "totalDrivenTime": f"{meta['numFrames'].sum() / frame_rate:.2f}",
         "numVehicles": len(meta),
         "numCars": len(meta) - trucks,
         "numTrucks": trucks,
         "upperLaneMarkings": ";".join(f"{y:.2f}" for y in site.upper),
         "lowerLaneMarkings": ";".join(f"{y:.2f}" for y in site.lower),
     }
-    pd.DataFrame([row]).to_csv(out / f"{recording:02d}_recordingMeta.csv", index=False)
+    return pd.DataFrame([row])
