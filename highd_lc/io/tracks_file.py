@@ -87,4 +87,5 @@ def read(work: Path, recording: int) -> TrackArrays:
 
 
 def _to_numpy(column: pa.ChunkedArray) -> FloatArray | IntArray:
-    return (column.fill_null(0) if column.null_count else column).to_numpy()
+    values = column.combine_chunks()
+    return (values.fill_null(0) if values.null_count else values).to_numpy(zero_copy_only=False)
