@@ -123,7 +123,7 @@ def combine(combination: Combination) -> JobReport:
     artefacts.write_groups(work, "followers", groups, combination.provenance)
     summary = summarise_fits(fitted)
     table = artefacts.to_arrow("summary_lcm", summary, combination.provenance)
-    artefacts.write(artefacts.path_of(work, "summary_lcm"), "summary_lcm", table)
+    artefacts.write_groups(work, "summary_lcm", [table], combination.provenance)
     return JobReport({"followers": len(fits), "fitted": len(fitted)})
 
 
