@@ -98,9 +98,12 @@ def _flow_weight(lane: int, lanes: int) -> float:
 
 
 def _lane_truck_share(share: float, lane: int, lanes: int) -> float:
-    """Most trucks enter on the right lane, the rest on the second."""
-    right = min(0.75, 0.8 * share * lanes)
-    return right if lane == 0 else max(share * lanes - right, 0.0) * (lane == 1)
+    """Most trucks enter on the right lane, the rest on the second; together they are the share of all."""
+    trucks = share * lanes
+    on_right = min(0.8 * trucks, 0.75 * _flow_weight(0, lanes))
+    if lane == 0:
+        return on_right / _flow_weight(0, lanes)
+    return (trucks - on_right) / _flow_weight(1, lanes) if lane == 1 else 0.0
 
 
 def _sizes(draws: _Uniforms, truck: BoolArray) -> dict[str, FloatArray]:

@@ -24,7 +24,7 @@ class RecorderSettings(BaseModel):
         Field(ge=0, le=0.9, description="each recording's flow is drawn within this share of the mean"),
     ] = 0.15
     truck_share: Annotated[
-        float, Field(ge=0, le=0.6, description="share of trucks of all vehicles (HighD: 0.19)")
+        float, Field(ge=0, le=0.3, description="share of trucks of all vehicles (HighD: 0.19)")
     ] = 0.15
     lane_change_rate: Annotated[
         float,
