@@ -8,8 +8,9 @@ import numpy as np
 from highd_lc.algorithms import dynamics
 from highd_lc.algorithms.candidates import LossTerms, loss_terms
 from highd_lc.algorithms.packing import PackedScene, obstacle_roles, pack
+from highd_lc.algorithms.pool import Goal, Pool, Task
 from highd_lc.algorithms.replay import AvMotion, Replay, clearances, follow, human_motion, plan_motion, replay
-from highd_lc.algorithms.search import Goal, Pool, Task, nominal_rejections, search
+from highd_lc.algorithms.search import nominal_rejections, search
 from highd_lc.core.quintic import Quintic
 from highd_lc.vocab import names
 from highd_lc.vocab.scene import Scene
@@ -115,19 +116,25 @@ def search_pools(problem: PlanningProblem) -> dict[str, Pool]:
 def _optimal(problem: PlanningProblem, pools: dict[str, Pool]) -> Iterator[Plan]:
     # The same plan is often best under several accountings: replay it once.
     replays: dict[Quintic, Replay] = {}
+    nominal = {form: nominal_rejections(problem.task, free=form == names.FREE) for form in pools}
     for policy, form in FORM_OF.items():
         if form not in pools:
             continue
         omega = 1.0 if policy in (names.BENCHMARK, names.BENCHMARK_FREE) else problem.settings.loss.omega_av
         for accounting in names.ACCOUNTINGS:
             goal = Goal(accounting, omega)
-            yield _best_plan(problem, pools[form], goal, policy, replays)
+            yield _best_plan(problem, pools[form], goal, policy, nominal[form], replays)
 
 
 def _best_plan(
-    problem: PlanningProblem, pool: Pool, goal: Goal, policy: str, replays: dict[Quintic, Replay]
+    problem: PlanningProblem,
+    pool: Pool,
+    goal: Goal,
+    policy: str,
+    nominal: dict[str, int],
+    replays: dict[Quintic, Replay],
 ) -> Plan:
-    count, rejected = rejections(problem, pool, goal.accounting, free=FORM_OF[policy] == names.FREE)
+    count, rejected = rejections(problem, pool, goal.accounting, nominal)
     best = pool.best(goal)
     if best is None:
         margin = closest_margins(problem, pool, goal.accounting)
@@ -206,13 +213,14 @@ def _infeasible_at_start(problem: PlanningProblem) -> Iterator[Plan]:
                 yield Plan(policy, accounting, names.INFEASIBLE_AT_START, margins=margin)
 
 
-def rejections(problem: PlanningProblem, pool: Pool, accounting: str, *, free: bool) -> tuple[int, dict[str, int]]:
+def rejections(
+    problem: PlanningProblem, pool: Pool, accounting: str, nominal: dict[str, int]
+) -> tuple[int, dict[str, int]]:
     """Candidates looked at, and how many each constraint rejected; every one counts for its first violation.
 
-    Limits of motion are counted on a plain grid over all of T, x_final and v_end (``nominal_rejections``),
-    contacts among the candidates that were simulated.
+    Limits of motion are counted on a plain grid over all of T, x_final and v_end (nominal: the result of
+    ``nominal_rejections``), contacts among the candidates that were simulated.
     """
-    nominal = nominal_rejections(problem.task, free)
     kept = pool.violation == 0
     touched = kept & ~pool.feasible(accounting)
     roles = np.bincount(pool.role[touched], minlength=len(problem.roles)) if len(pool) else []

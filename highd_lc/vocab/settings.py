@@ -164,8 +164,8 @@ class PlannerSettings(Section):
     v_nodes: Annotated[int, Field(ge=3, le=1000, description="grid nodes over v_end (free form)")] = 12
     T_nodes_free: Annotated[int, Field(ge=5, le=1000, description="durations on the free form's first grid")] = 27
     zoom_starts: Annotated[int, Field(ge=1, le=100, description="durations that are refined for each goal")] = 4
-    zoom_levels: Annotated[int, Field(ge=1, le=20, description="refinements of x_final (fixed form)")] = 3
-    zoom_levels_free: Annotated[int, Field(ge=1, le=20, description="refinements of x_final and v_end")] = 5
+    zoom_levels: Annotated[int, Field(ge=2, le=20, description="refinements of x_final (fixed form)")] = 3
+    zoom_levels_free: Annotated[int, Field(ge=2, le=20, description="refinements of x_final and v_end")] = 5
     free_form: Annotated[bool, Field(description="plan with a free end speed as well")] = True
     after: Annotated[
         Literal["lcm", "constant"],
