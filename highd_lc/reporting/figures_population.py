@@ -109,10 +109,11 @@ def gain_map(spacing: FloatArray, difference: FloatArray, local: FloatArray, ben
         return figure
     edges = _edges(spacing, 10.0), _edges(difference, 1.0)
     gain = _tile_gain((spacing, difference), edges, local, benchmark)
-    largest = max(float(np.nanmax(np.abs(gain), initial=0.0)), 0.1)
+    largest = max(float(np.quantile(np.abs(100.0 * (1.0 - local / benchmark)), 0.95)), 0.1)
     norm = TwoSlopeNorm(0.0, -largest, largest)
     tiles = axes.pcolormesh(*edges, gain.T, cmap="PuOr", norm=norm, edgecolors="none")
-    axes.plot(spacing, difference, ".", color=INK, ms=3, alpha=0.5)
+    single = 100.0 * (1.0 - local / benchmark)
+    axes.scatter(spacing, difference, 14, single, cmap="PuOr", norm=norm, edgecolors=INK, linewidths=0.5)
     bar = figure.colorbar(tiles, ax=axes, pad=0.02)
     bar.set_label("gain [%]", color=QUIET, fontsize=_SIZE)
     bar.ax.tick_params(labelsize=_SIZE, colors=QUIET)
@@ -178,7 +179,7 @@ def parameters_figure(followers: pd.DataFrame) -> Figure:
 def loss_bars(losses: pd.DataFrame) -> Figure:
     """Mean loss of each policy, AV and followers, one panel an accounting. losses: rows of ``losses``."""
     policies = [p for p in reversed(names.POLICIES) if p in set(losses["policy"])]
-    figure = Figure(figsize=(9.4, 0.9 + 0.3 * len(policies)), facecolor="white", layout="constrained")
+    figure = Figure(figsize=(9.4, 1.2 + 0.3 * len(policies)), facecolor="white", layout="constrained")
     means = losses.groupby(["accounting", "policy"])[["loss_av", "loss_hv"]].mean()
     for axes, accounting in zip(figure.subplots(1, 3, sharey=True), names.ACCOUNTINGS, strict=True):
         _dress(axes)
@@ -193,7 +194,7 @@ def loss_bars(losses: pd.DataFrame) -> Figure:
         axes.set_xlim(0, 1.2 * np.nanmax(values.sum(axis=1), initial=1.0))
         axes.set_yticks(range(len(policies)), [labels.POLICIES[p].label for p in policies])
         axes.set_xlabel("mean loss (normalised, no unit)", fontsize=_SIZE, color=QUIET)
-    axes.legend(loc="lower right", **_LEGEND)
+    figure.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=2, **_LEGEND)
     return figure
 
 

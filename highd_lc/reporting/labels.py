@@ -86,6 +86,28 @@ PARAMETERS: Final = {
 }
 
 
+QUANTITIES: Final = {
+    "loss_total": "total loss",
+    "loss_av": "loss of the AV",
+    "loss_hv": "loss of the followers",
+    "av_comfort": "AV comfort",
+    "av_efficiency": "AV efficiency",
+    "hv_comfort": "HV comfort",
+    "hv_efficiency": "HV efficiency",
+    "min_gap_m": "smallest gap [m]",
+    "min_time_headway_s": "smallest time headway [s]",
+    "min_ttc_s": "smallest time to collision [s]",
+    "max_drac": "largest DRAC [m/s²]",
+    "peak_follower_decel": "followers' peak braking [m/s²]",
+}
+"""Quantities of ``summary_losses``."""
+
+
+def short_policy(name: str) -> str:
+    """A policy's label where room is short."""
+    return POLICIES[name].label.replace(", free end speed", ", free").replace(", 5.5 s", "")
+
+
 def role(name: str) -> str:
     """A role as a reader says it: ``target_follower_1`` is "HV 1"."""
     if name.startswith(names.TARGET_FOLLOWER):

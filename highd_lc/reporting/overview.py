@@ -37,13 +37,14 @@ class TableView:
 
 @dataclass(frozen=True)
 class Section:
-    """A part of a page: heading, paragraphs, a figure with its caption, tables."""
+    """A part of a page: heading, paragraphs, a figure with its caption, tables, and tables behind a click."""
 
     title: str = ""
     text: tuple[str | Markup, ...] = ()
     figure: Markup | None = None
     caption: str = ""
     tables: tuple[TableView, ...] = ()
+    folded: tuple[TableView, ...] = ()
     anchor: str = ""
 
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 from highd_lc.reporting import html, labels
-from highd_lc.reporting.event import EventReport, Row
+from highd_lc.reporting.event import PAIRS, EventReport, Row
 from highd_lc.reporting.payload import event_payload
 from highd_lc.vocab import names
 from highd_lc.vocab.lcm_parameters import PARAMETERS, UNITS
@@ -121,12 +121,8 @@ def _facts(report: EventReport) -> list[tuple[str, str]]:
         ("Speed at start", f"{html.number(report.v0, 1)} m/s"),
         ("Followers on target lane", str(report.n_followers)),
     ]
-    gains = [(form, report.gain(form)) for form in names.FORMS if report.plan(_local(form)) is not None]
+    gains = [(form, report.gain(form)) for form, (local, _) in PAIRS.items() if report.plan(local) is not None]
     return facts + [(f"Gain, {labels.FORMS[form].lower()}", html.percent(value)) for form, value in gains]
-
-
-def _local(form: str) -> str:
-    return names.LOCAL_OPTIMUM if form == names.FIXED else names.LOCAL_OPTIMUM_FREE
 
 
 def _per_accounting(rows: Iterable[Row], make: Any) -> dict[str, Any]:
@@ -195,13 +191,13 @@ def _plan_rows(report: EventReport, accounting: str) -> list[dict[str, Any]]:
 
 
 def _plan_row(row: Row, loss: Row) -> dict[str, Any]:
-    cells = [(row[name], digits) for name, digits in _PLAN_CELLS]
     return {
         "policy": row["policy"],
         "label": labels.POLICIES[row["policy"]].label,
         "status": labels.STATUSES[row["status"]],
         "infeasible": _is_infeasible(row),
-        "cells": cells + [(loss.get(name), digits) for name, digits in _SAFETY_CELLS],
+        "cells": [(row[name], digits) for name, digits in _PLAN_CELLS],
+        "safety": [(loss.get(name), digits) for name, digits in _SAFETY_CELLS],
         "remarks": "; ".join(_remarks(row)),
     }
 
@@ -218,17 +214,31 @@ def _remarks(row: Row) -> list[str]:
 
 
 def _margins(report: EventReport, accounting: str) -> dict[str, Any]:
-    rows = [row for row in _ordered(report.plans) if row["accounting"] == accounting and _length(row["margins"])]
-    constraints = sorted({name for row in rows for name in {**row["margins"], **(row["rejected_by"] or {})}})
+    rows = [row for row in _ordered(report.plans) if row["accounting"] == accounting]
+    with_margins = [row for row in rows if _length(row["margins"])]
+    counted = {form: row for form, (local, _) in PAIRS.items() for row in rows if row["policy"] == local}
+    rejected = [dict(row["rejected_by"] or {}) for row in counted.values()]
+    found = sorted({name for row in with_margins for name in row["margins"]} | {n for r in rejected for n in r})
     return {
-        "policies": [labels.POLICIES[row["policy"]].label for row in rows],
-        "names": [(constraint(name), [_margin(row, name) for row in rows]) for name in constraints],
-        "rejected": any(_length(row["rejected_by"]) for row in rows),
+        "policies": [labels.short_policy(row["policy"]) for row in with_margins],
+        "forms": [labels.FORMS[form].lower() for form in counted],
+        "rows": [
+            {
+                "name": constraint(name),
+                "unit": _unit(name),
+                "margins": [row["margins"].get(name) for row in with_margins],
+                "rejected": [counts.get(name) for counts in rejected],
+            }
+            for name in found
+        ],
     }
 
 
-def _margin(row: Row, name: str) -> tuple[float | None, int]:
-    return row["margins"].get(name), int((row["rejected_by"] or {}).get(name, 0))
+_CONSTRAINT_UNITS: Final = {"speed": "m/s", "acceleration": "m/s²", "jerk": "m/s³", "clearance": "m"}
+
+
+def _unit(name: str) -> str:
+    return _CONSTRAINT_UNITS.get(name.split("_")[0], "")
 
 
 def constraint(name: str) -> str:

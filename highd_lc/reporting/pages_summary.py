@@ -76,7 +76,7 @@ def totals(
 _DIFFERENCE_COLUMNS: Final = (
     Column("policy_label", "Policy"),
     Column("against_label", "against"),
-    Column("quantity", "Loss"),
+    Column("quantity_label", "Quantity"),
     Column("n", "Events", digits=0),
     Column("mean", "Mean", digits=3),
     Column("mean_against", "Mean of the other", digits=3),
@@ -94,15 +94,23 @@ _DIFFERENCE_COLUMNS: Final = (
 def _losses_section(tables: SummaryTables) -> Section:
     rows = tables.summary_losses
     primary = rows[rows["accounting"] == names.PRIMARY_ACCOUNTING].assign(
-        policy_label=lambda t: t["policy"].map(lambda p: labels.POLICIES[p].label),
-        against_label=lambda t: t["against"].map(lambda p: labels.POLICIES[p].label),
+        policy_label=lambda t: t["policy"].map(labels.short_policy),
+        against_label=lambda t: t["against"].map(labels.short_policy),
+        quantity_label=lambda t: t["quantity"].map(labels.QUANTITIES),
     )
     figure = html.inline_svg(
         figures.loss_bars(tables.losses),
         "Mean loss of AV and followers by policy, under each accounting; numbers in the table.",
     )
     caption = "Paired differences under the accounting “equal”; intervals are bootstraps over recordings."
-    return Section("Losses by policy", figure=figure, tables=(table_view(primary, _DIFFERENCE_COLUMNS, caption),))
+    primary = primary.assign(quantity_label=primary["quantity_label"].fillna(primary["quantity"]))
+    main = primary["quantity"].isin(("loss_total", "loss_av", "loss_hv"))
+    return Section(
+        "Losses by policy",
+        figure=figure,
+        tables=(table_view(primary[main], _DIFFERENCE_COLUMNS, caption),),
+        folded=(table_view(primary[~main], _DIFFERENCE_COLUMNS, "Comfort, efficiency and safety"),),
+    )
 
 
 def _distribution_section(tables: SummaryTables) -> Section:

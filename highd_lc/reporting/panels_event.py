@@ -115,9 +115,7 @@ def _losses(report: EventReport) -> Panel:
         longest = max(longest, left)
     limits = (0.0, 10.0 * math.ceil(1.18 * longest / 10.0), -0.6, len(policies) - 0.4)
     title = f"Losses ({labels.ACCOUNTING_NAMES[names.PRIMARY_ACCOUNTING].lower()} accounting)"
-    short = tuple(
-        labels.POLICIES[q].label.replace(", 5.5 s", "").replace(", free end speed", ", free") for q in policies
-    )
+    short = tuple(labels.short_policy(q) for q in policies)
     return Panel(title, "loss (normalised, no unit)", "", limits, (), tuple(blocks), tuple(notes), short)
 
 
@@ -137,7 +135,9 @@ def _scene(report: EventReport) -> Panel:
         if low < path.x[0] < high:
             blocks.append(_box(report, role, path))
             notes.append(_box_note(report, role, path))
-    limits = (low, high, math.floor(lower) - 1.0, math.ceil(upper) + 2.0)
+    sides = [(float(path.y[0]), report.boxes[role].width / 2) for role, path in boxes]
+    bottom, top = min([lower, *(y - half for y, half in sides)]), max([upper, *(y + half for y, half in sides)])
+    limits = (low, high, math.floor(bottom) - 2.0, math.ceil(top) + 2.0)
     return Panel(
         "Scene at the start, with the paths until T",
         "x [m]",

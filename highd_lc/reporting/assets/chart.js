@@ -126,12 +126,11 @@ class Chart {
   }
 
   endLabels() {
-    const taken = [];
-    return this.series.filter((s) => s.label).map((s) => {
-      let y = this.y(s.y[s.y.length - 1]) + 4;
-      while (taken.some((other) => Math.abs(other - y) < 11)) y += 11;
-      taken.push(y);
-      return mark("text", { class: "tick", x: CHART.width - CHART.right + 4, y: y.toFixed(1) }, s.label);
+    const end = (s) => this.y(s.y[s.y.length - 1]) + 4;
+    let last = -Infinity;
+    return this.series.filter((s) => s.label).sort((a, b) => end(a) - end(b)).map((s) => {
+      last = Math.max(end(s), last + 11);
+      return mark("text", { class: "tick", x: CHART.width - CHART.right + 4, y: last.toFixed(1) }, s.label);
     });
   }
 

@@ -11,6 +11,17 @@ function unpack(packed) {
   });
 }
 
+/* Mean over five samples: takes the steps out of rounded values. */
+function smooth({ first, values }) {
+  const near = (k) => {
+    const half = Math.min(2, k, values.length - 1 - k);
+    let sum = 0;
+    for (let i = k - half; i <= k + half; i++) sum += values[i];
+    return sum / (2 * half + 1);
+  };
+  return { first, values: values.map((_, k) => near(k)) };
+}
+
 function spread({ first, values }, length, add) {
   const channel = new Float64Array(length).fill(NaN);
   values.forEach((value, k) => { channel[first + k] = value + (add ? add(first + k) : 0); });
@@ -27,7 +38,7 @@ function decode(data) {
     return { x: spread(x, length, moving), y: spread(y, length), v: spread(v, length), a: spread(a, length) };
   };
   for (const play of data.plays) {
-    const channels = unpack(play);
+    const channels = play.rounded ? unpack(play).map(smooth) : unpack(play);
     play.ego = path(channels);
     play.jerk = spread(channels[4], length);
     play.followers = [];
@@ -173,10 +184,11 @@ class EventPage {
     }
     if (leader) specifications.push(["Gap between AV and target leader", "m", 5, of((p) => gap(leader, p.ego, [boxes.target_leader, boxes.ego]))]);
     this.charts = specifications.map(([title, unit, least, channels]) => {
+      const several = title.endsWith("followers");
       const figure = node("figure", {});
       choose("charts").append(figure);
       const onScrub = (t) => { this.pause(); this.move(t); };
-      return { chart: new Chart(figure, { title, unit, least, onScrub }), channels };
+      return { chart: new Chart(figure, { title, unit, least, onScrub }), channels, several };
     });
   }
 
@@ -190,10 +202,11 @@ class EventPage {
 
   series(play, width, channels) {
     const look = this.data.looks[play.policy];
-    return channels(play).map(({ values, label }) => {
+    return channels(play).map(({ values, label }, rank) => {
       const known = [...values.keys()].filter((k) => Number.isFinite(values[k]));
       return {
-        name: look.label, label, colour: colour(play), dash: look.dashed ? "7 4" : null, width,
+        name: look.label, label: play === this.main ? label : "", colour: colour(play), dash: look.dashed ? "7 4" : null,
+        width: width * 0.8 ** rank,
         x: known.map((k) => this.data.times[k]), y: known.map((k) => values[k]),
       };
     });
@@ -201,8 +214,9 @@ class EventPage {
 
   drawCharts() {
     const marks = [this.main, this.compared].filter((p) => p && p.T !== null).map((p, k) => ({ x: p.T, label: k ? "" : "T" }));
-    for (const { chart, channels } of this.charts) {
-      chart.draw(this.drawn().flatMap(([play, width]) => this.series(play, width, channels)), [0, this.data.last], marks);
+    for (const { chart, channels, several } of this.charts) {
+      const drawn = this.drawn().filter(([play]) => !several || play === this.main || play === this.compared);
+      chart.draw(drawn.flatMap(([play, width]) => this.series(play, width, channels)), [0, this.data.last], marks);
     }
   }
 

@@ -77,7 +77,7 @@ class RoadView {
     for (let metre = first; metre < camera + this.front; metre += 20) {
       const x = this.x(metre, camera).toFixed(1);
       parts.push(mark("line", { class: "tick", x1: x, x2: x, y1: base, y2: base + 5 }));
-      if (metre % 40 === 0) parts.push(mark("text", { x, y: base + 18, "text-anchor": "middle" }, `${fixed(metre, 0)} m`));
+      if (metre % 40 === 0 && x > 22 && x < ROAD.width - 22) parts.push(mark("text", { x, y: base + 18, "text-anchor": "middle" }, `${fixed(metre, 0)} m`));
     }
     return parts;
   }
