@@ -26,8 +26,9 @@ from highd_lc.vocab.tracking import TrackingSettings
 FloatArray = NDArray[np.float64]
 
 BOUNDS_PER_SAMPLE = 8
-BOUND_NAMES = ("highest", "lowest", "fastest rise of", "fastest fall of")
-"""Rows of a sample's bounds: these four of the speed, then these four of the steering."""
+"""Upper and lower bound of the value and of the increment, of the speed and then of the steering."""
+STEERING_STOP = 1.2
+"""Mechanical stop of the steering [rad]: no slack takes the wheels further."""
 
 
 class MpcParameters(NamedTuple):
@@ -203,7 +204,7 @@ def bound(input_error: FloatArray, rows: FloatArray, k: int, p: MpcParameters, m
             upper[at + 3] = p.increment[a] + change
 
 
-@njit(inline="always")
+@njit(cache=True, nogil=True, inline="always")
 def assemble(
     error: FloatArray,
     input_error: FloatArray,
@@ -239,7 +240,7 @@ def solve(memory: MpcMemory) -> int:
     return flag if math.isfinite(checksum) else 0
 
 
-@njit(inline="always", fastmath={"contract"})
+@njit(cache=True, nogil=True, inline="always", fastmath={"contract"})
 def kkt_residuals(
     H: FloatArray, f: FloatArray, A: FloatArray, upper: FloatArray, z: FloatArray, lam: FloatArray
 ) -> tuple[float, float, float]:

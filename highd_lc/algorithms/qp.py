@@ -52,8 +52,11 @@ class QpSolution:
 def solve_qp(qp: Qp, *, solver: Literal["daqp", "osqp"] = "daqp") -> QpSolution:
     """Solve the QP by DAQP (active set, exact to rounding) or by OSQP (splitting, polished).
 
-    Raises MissingExtraError when osqp is asked for and not installed.
+    A QP with numbers that are not finite is a status, handed to neither. Raises MissingExtraError when osqp is
+    asked for and not installed.
     """
+    if not all(np.all(np.isfinite(part)) for part in (qp.H, qp.f, qp.A, qp.upper)):
+        return _unsolved(qp)
     started = time.perf_counter()
     status, solved, z, multipliers = (_daqp if solver == "daqp" else _osqp)(qp)
     elapsed = time.perf_counter() - started
@@ -61,6 +64,12 @@ def solve_qp(qp: Qp, *, solver: Literal["daqp", "osqp"] = "daqp") -> QpSolution:
     threshold = _ACTIVE_MULTIPLIER * (1.0 + float(np.max(np.abs(qp.f))))
     active = tuple(int(row) for row in np.flatnonzero(multipliers > threshold))
     return QpSolution(status, solved, z, multipliers, *residuals, active, elapsed)
+
+
+def _unsolved(qp: Qp) -> QpSolution:
+    nan = float("nan")
+    z, multipliers = np.full(len(qp.f), nan), np.full(len(qp.upper), nan)
+    return QpSolution("not finite", False, z, multipliers, nan, nan, nan, (), 0.0)
 
 
 def _daqp(qp: Qp) -> tuple[str, bool, FloatArray, FloatArray]:
@@ -94,5 +103,5 @@ def _osqp(qp: Qp) -> tuple[str, bool, FloatArray, FloatArray]:
         polishing=True,
         verbose=False,
     )
-    answer = model.solve()
+    answer = model.solve(raise_error=False)
     return answer.info.status, answer.info.status == "solved", answer.x, np.maximum(answer.y, 0.0)

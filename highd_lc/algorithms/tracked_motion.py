@@ -1,10 +1,10 @@
 """What a closed loop drove, judged as a plan is: limits checked again and the AV's loss recomputed.
 
-The tracked motion is known by samples only, so its accelerations and jerks are finite differences: the velocity
-at a sample is the commanded speed along the heading, the acceleration between two samples their difference over
-dt, the jerk at a sample the difference of the two accelerations beside it. At both ends the acceleration is 0
-(SPEC section 2), half an interval away. ``planned_motion`` samples a plan in the same way, so that planned
-against tracked compares motions and not ways of differencing.
+The tracked motion is known by samples only, so its accelerations and jerks are finite differences: the
+acceleration between two samples is that of their velocities over dt, the jerk at a sample that of the two
+accelerations beside it. At both ends the acceleration is 0 (SPEC section 2), half an interval away.
+``planned_motion`` samples a plan in the same way, so that planned against tracked compares motions and not ways
+of differencing.
 """
 
 from dataclasses import dataclass
@@ -55,8 +55,7 @@ def motion_of(velocity: FloatArray, dt: float) -> SampledMotion:
 
 def tracked_motion(result: TrackingResult) -> SampledMotion:
     """The motion that a closed loop drove."""
-    speed, heading = result.inputs[:, 0], result.states[:, 2]
-    return motion_of(np.column_stack([speed * np.cos(heading), speed * np.sin(heading)]), result.dt)
+    return motion_of(result.velocity, result.dt)
 
 
 def planned_motion(reference: Reference) -> SampledMotion:

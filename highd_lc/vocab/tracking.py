@@ -4,7 +4,7 @@ Angles in rad, left positive; heading 0 along travel. Positions are those of the
 """
 
 from dataclasses import dataclass
-from typing import Final
+from typing import Annotated, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -86,64 +86,78 @@ class Reference:
 class TrackingSettings(BaseModel):
     """The model predictive controller and its car (SPEC section 8; equations 20 to 24).
 
-    R, Q and rho are not printed in the paper; the defaults come from the recorded sweep in docs/tracking.md.
+    R, Q and rho are not printed in the paper; the defaults come from the sweep and the sensitivity table that are
+    recorded in docs/tracking.md.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
-    horizon: int = Field(6, ge=1, le=60, description="N_p: prediction horizon [samples of 0.1 s] (paper: 6)")
-    control_horizon: int = Field(
-        4, ge=1, le=60, description="N_c: increments decided [samples], at most N_p (paper: 4)"
+    horizon: Annotated[
+        int, Field(ge=1, le=60, description="N_p: prediction horizon [samples of 0.1 s] (paper: 6)")
+    ] = 6
+    control_horizon: Annotated[
+        int, Field(ge=1, le=60, description="N_c: increments decided [samples], at most N_p (paper: 4)")
+    ] = 4
+    weight_longitudinal: Annotated[
+        float,
+        Field(gt=0, le=1e6, description="R: weight of the error along the road [1/m^2] (the unit of Q's speed)"),
+    ] = 1.0
+    weight_lateral: Annotated[
+        float,
+        Field(
+            gt=0,
+            le=1e6,
+            description="R: weight of the error across the road [1/m^2] (unit of the lateral weights)",
+        ),
+    ] = 1.0
+    weight_heading: Annotated[
+        float, Field(gt=0, le=1e6, description="R: weight of the heading error [1/rad^2] (sweep)")
+    ] = 300.0
+    weight_speed_increment: Annotated[
+        float, Field(gt=0, le=1e6, description="Q: weight of the speed error's increment [s^2/m^2] (sweep)")
+    ] = 0.3
+    weight_steering_increment: Annotated[
+        float, Field(gt=0, le=1e9, description="Q: weight of the steering error's increment [1/rad^2] (sweep)")
+    ] = 3.0
+    slack_penalty: Annotated[
+        float,
+        Field(
+            gt=0, le=1e12, description="rho: weight of the squared slack (form: paper; value: sensitivity table)"
+        ),
+    ] = 1e4
+    speed_min: Annotated[float, Field(ge=0, le=50, description="lowest commanded speed [m/s] (no reversing)")] = (
+        0.0
     )
-    weight_longitudinal: float = Field(
-        1.0, gt=0, le=1e6, description="R: weight of the error along the road [1/m^2] (sweep)"
-    )
-    weight_lateral: float = Field(
-        1.0, gt=0, le=1e6, description="R: weight of the error across the road [1/m^2] (sweep)"
-    )
-    weight_heading: float = Field(
-        1.0, gt=0, le=1e6, description="R: weight of the heading error [1/rad^2] (sweep)"
-    )
-    weight_speed_increment: float = Field(
-        0.1, gt=0, le=1e6, description="Q: weight of the speed error's increment [s^2/m^2] (sweep)"
-    )
-    weight_steering_increment: float = Field(
-        1.0, gt=0, le=1e9, description="Q: weight of the steering error's increment [1/rad^2] (sweep)"
-    )
-    slack_penalty: float = Field(
-        1e4,
-        gt=0,
-        le=1e12,
-        description="rho: weight of the squared slack (form: paper; value: sweep)",
-    )
-    speed_min: float = Field(0.0, ge=0, le=50, description="lowest commanded speed [m/s] (no reversing)")
-    speed_max: float = Field(
-        60.0, gt=0, le=100, description="highest commanded speed [m/s] (SPEC section 5: 50, and a margin)"
-    )
-    acceleration_max: float = Field(
-        10.0, gt=0, le=50, description="largest increment of the speed per second [m/s^2] (SPEC 5: 8, margin)"
-    )
-    steering_max: float = Field(
-        0.6,
-        gt=0,
-        le=1.2,
-        description="largest steering angle of the wheels [rad] (cars: 30-40 deg)",
-    )
-    steering_rate_max: float = Field(
-        0.4, gt=0, le=10, description="largest steering rate [rad/s] (commonroad-vehicle-models, set 2)"
-    )
-    steering_softening: float = Field(
-        0.1, gt=0, le=1, description="radians of steering bound that one unit of slack gives; speed: 1 m/s"
-    )
-    wheelbase_ratio: float = Field(
-        0.6, gt=0.2, lt=1, description="wheelbase over length where none is given (SPEC section 8)"
-    )
-    slack_tolerance: float = Field(
-        1e-3, gt=0, le=1, description="slack from which a bound counts as softened (status `softened`)"
-    )
-    lost_lateral_m: float = Field(
-        1.75, gt=0, le=50, description="lateral error at which the car has left its lane [m] (half a lane)"
-    )
+    speed_max: Annotated[
+        float, Field(gt=0, le=100, description="highest commanded speed [m/s] (SPEC section 5: 50, and a margin)")
+    ] = 60.0
+    acceleration_max: Annotated[
+        float,
+        Field(gt=0, le=50, description="largest increment of the speed per second [m/s^2] (SPEC 5: 8, margin)"),
+    ] = 10.0
+    steering_max: Annotated[
+        float, Field(gt=0, le=1.2, description="largest steering angle of the wheels [rad] (cars: 30-40 deg)")
+    ] = 0.6
+    steering_rate_max: Annotated[
+        float, Field(gt=0, le=10, description="largest steering rate [rad/s] (commonroad-vehicle-models, set 2)")
+    ] = 0.4
+    steering_softening: Annotated[
+        float,
+        Field(gt=0, le=1, description="radians of steering bound that one unit of slack gives; speed: 1 m/s"),
+    ] = 0.1
+    wheelbase_ratio: Annotated[
+        float, Field(gt=0.2, lt=1, description="wheelbase over length where none is given (SPEC section 8)")
+    ] = 0.6
+    slack_tolerance: Annotated[
+        float, Field(gt=0, le=1, description="slack from which a bound counts as softened (status `softened`)")
+    ] = 1e-3
+    lost_lateral_m: Annotated[
+        float, Field(gt=0, le=50, description="lateral error at which the car has left its lane [m] (half a lane)")
+    ] = 1.75
+    lost_longitudinal_m: Annotated[
+        float,
+        Field(gt=0, le=500, description="error along the road at which the car counts as lost [m] (a length)"),
+    ] = 5.0
 
     @model_validator(mode="after")
     def _consistent(self) -> "TrackingSettings":
@@ -160,11 +174,12 @@ class TrackingResult:
 
     status: one of TRACKING_STATUSES; reason: what lies behind a status other than `tracked`.
     states: x, y [m], heading [rad] of the rear axle, shape (n + 1, 3); inputs: speed [m/s] and steering angle
-    [rad] commanded from each sample on, shape (n + 1, 2), the last at the end of the reference; errors:
-    longitudinal, lateral [m] and heading [rad] in the reference's frame, shape (n + 1, 3); slack, shape (n + 1,),
-    in units in which 1 softens the speed's bounds by 1 m/s; active_bounds: input bounds active in each QP, shape
-    (n + 1,); flags: the solver's exit flags, shape (n + 1,), positive = solved; residual: largest KKT residual of
-    each QP, shape (n + 1,). For an invalid reference the arrays and the figures are NaN, the flags 0.
+    [rad] commanded from each sample on, shape (n + 1, 2), the last at the end of the reference; velocity: of the
+    rear axle along and across the road [m/s], shape (n + 1, 2); errors: longitudinal, lateral [m] and heading
+    [rad] in the reference's frame, shape (n + 1, 3). Of each sample's QP, shape (n + 1,): slack, in units in which
+    1 softens the speed's bounds by 1 m/s; active_bounds, how many bind; flags, positive = solved; residual, the
+    largest KKT residual. Slack and residual are NaN where a QP was not solved or there is none; for an invalid
+    reference all arrays and figures are NaN, the flags 0.
     """
 
     status: str
@@ -172,6 +187,7 @@ class TrackingResult:
     dt: float
     states: FloatArray
     inputs: FloatArray
+    velocity: FloatArray
     errors: FloatArray
     slack: FloatArray
     active_bounds: IntArray

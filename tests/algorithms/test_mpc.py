@@ -188,6 +188,7 @@ def test_both_solvers_agree(seed):
     assert theirs.solved
     np.testing.assert_allclose(ours.z, theirs.z, atol=1e-5)
     assert ours.active == theirs.active
+    assert theirs.active or seed < 4  # the larger errors reach bounds
 
 
 def test_numbers_that_are_not_finite_are_not_handed_to_the_solver():
