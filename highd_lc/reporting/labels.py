@@ -88,8 +88,8 @@ PARAMETERS: Final = {
 
 QUANTITIES: Final = {
     "loss_total": "total loss",
-    "loss_av": "loss of the AV",
-    "loss_hv": "loss of the followers",
+    "loss_av": "AV loss",
+    "loss_hv": "HV loss",
     "av_comfort": "AV comfort",
     "av_efficiency": "AV efficiency",
     "hv_comfort": "HV comfort",

@@ -256,7 +256,7 @@ def _fit(row: Row, report: EventReport) -> dict[str, Any]:
     status = labels.FIT_STATUSES[row["status"]]
     return {
         "rank": row["follower"],
-        "status": f"{status}: {row['reason']}" if row["reason"] else status,
+        "status": f"{status} ({row['reason'].replace('_', ' ')})" if row["reason"] else status,
         "samples": row["n_samples"],
         "parameters": [(row[name], spread.get(name), name in bounds) for name in PARAMETERS],
         "L_replay": row["L_replay"],

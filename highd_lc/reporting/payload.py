@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from highd_lc.reporting import labels
 from highd_lc.reporting.event import EventReport, FitTrace, Path, Play, Surface, TrackTrace
+from highd_lc.vocab import names
 
 FloatArray = NDArray[np.float64]
 
@@ -142,14 +143,18 @@ def _track(trace: TrackTrace) -> dict[str, Any]:
 
 
 def _surface(surface: Surface, report: EventReport) -> dict[str, Any]:
+    # Accountings share arrays, so each array is written once and named by its place.
+    arrays = list({id(a): a for side in (surface.loss_av, surface.loss_hv) for a in side.values()}.values())
+    place = {id(a): k for k, a in enumerate(arrays)}
     return {
         "T": [round(float(T), 2) for T in surface.T],
         "x": [round(float(x), 2) for x in surface.x_offset],
         "points": _points(report),
+        "arrays": [_levels(a) for a in arrays],
         "losses": {
             accounting: {
-                "av": _levels(surface.loss_av[accounting]),
-                "hv": _levels(surface.loss_hv[accounting]),
+                "av": place[id(surface.loss_av[accounting])],
+                "hv": place[id(surface.loss_hv[accounting])],
                 "feasible": _bits(surface.feasible[accounting]),
             }
             for accounting in surface.loss_av
@@ -157,8 +162,11 @@ def _surface(surface: Surface, report: EventReport) -> dict[str, Any]:
     }
 
 
+_POINTS: Final = (names.CONSTANT, names.HUMAN, *names.FIXED_POLICIES)
+
+
 def _points(report: EventReport) -> list[list[Any]]:
-    rows = [row for row in report.plans if row["T"] is not None and np.isfinite(row["T"])]
+    rows = [row for row in report.plans if row["policy"] in _POINTS and np.isfinite(row["T"])]
     return [
         [row["policy"], row["accounting"], round(row["T"], 2), round(row["x_final"] - report.v0 * row["T"], 2)]
         for row in rows

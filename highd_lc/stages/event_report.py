@@ -15,6 +15,7 @@ from highd_lc.io import artefacts
 from highd_lc.reporting import labels
 from highd_lc.reporting.event import Box, EventReport, Path, Play, Row
 from highd_lc.stages.event_plays import policy_plays, surrounding
+from highd_lc.stages.event_traces import fit_traces, loss_surface, track_traces
 from highd_lc.vocab import names
 from highd_lc.vocab.job import Job
 from highd_lc.vocab.scene import Scene
@@ -84,20 +85,24 @@ def event_report(event: Row, tables: RecordingTables, scene: Scene, settings: Va
     divider = _divider(event, tracks[names.EGO])
     of_event = {name: rows.get(event_id, ()) for name, rows in tables.rows.items()}
     problem = planner.pose(scene, settings)
+    boxes = {role: tables.boxes[int(rows["vehicle_id"].iloc[0])] for role, rows in tracks.items()}
     return EventReport(
         event=event,
         v0=scene.v0,
         dt=PERIOD,
         divider=divider,
         markings=_markings(event, tables, divider),
-        boxes={role: tables.boxes[int(rows["vehicle_id"].iloc[0])] for role, rows in tracks.items()},
+        boxes=boxes,
         others={role: Path(m.x, m.y, m.v, m.a) for role, m in surrounding(scene).items()},
         observed={role: m.observed for role, m in surrounding(scene).items()},
         plays=(*policy_plays(problem, of_event["plans"]), _recorded_play(event, paths)),
         plans=of_event["plans"],
         losses=of_event["losses"],
         fits=of_event["followers"],
+        fit_traces=fit_traces(tracks, boxes, of_event["followers"]),
         tracking=of_event["tracking"],
+        track_traces=track_traces(problem, of_event["plans"]),
+        surface=loss_surface(problem, of_event["plans"]),
         provenance=tables.provenance,
     )
 

@@ -1,6 +1,6 @@
 /* Line charts over time with a cursor, drawn as SVG. A series is {name, colour, dash, width, x, y, label}. */
 
-const CHART = { width: 560, height: 210, left: 46, right: 34, top: 10, bottom: 30 };
+const CHART = { width: 560, height: 216, left: 46, right: 34, top: 10, bottom: 38 };
 
 function niceTicks(low, high, count) {
   const raw = (high - low) / count;

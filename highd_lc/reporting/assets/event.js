@@ -205,7 +205,7 @@ class EventPage {
     return channels(play).map(({ values, label }, rank) => {
       const known = [...values.keys()].filter((k) => Number.isFinite(values[k]));
       return {
-        name: look.label, label: play === this.main ? label : "", colour: colour(play), dash: look.dashed ? "7 4" : null,
+        name: rank || channels(play).length > 1 ? `${look.label}, HV 1` : look.label, label: play === this.main ? label : "", colour: colour(play), dash: look.dashed ? "7 4" : null,
         width: width * 0.8 ** rank,
         x: known.map((k) => this.data.times[k]), y: known.map((k) => values[k]),
       };

@@ -25,7 +25,7 @@ class SurfaceView {
 
   draw(accounting, quantity, looks) {
     const packed = this.surface.losses[accounting];
-    const [av, hv] = [levels(packed.av), levels(packed.hv)];
+    const [av, hv] = [packed.av, packed.hv].map((k) => levels(this.surface.arrays[k]));
     const values = av.map((loss, k) => ({ av: loss, hv: hv[k], joint: 0.5 * (loss + hv[k]) })[quantity]);
     const mask = bytes(packed.feasible);
     const feasible = (k) => Boolean((mask[k >> 3] >> (k & 7)) & 1);
@@ -34,7 +34,7 @@ class SurfaceView {
     this.svg.replaceChildren(this.image(values, feasible, low, high), ...this.axes(), ...this.points(accounting, looks));
     const name = { joint: "Joint objective, equal weights", av: "Loss of the AV", hv: "Loss of the followers" }[quantity];
     const text = inside.length
-      ? `${name}: from ${fixed(low, 2)} (dark) to ${fixed(high, 2)} and above (bright) where all constraints hold. Faded: some constraint is violated.`
+      ? `${name}: from ${fixed(low, 2)} (dark) to ${fixed(high, 2)} and above (bright) where all constraints hold. Pale grey: some constraint is violated.`
       : "No candidate of this grid meets all constraints.";
     this.note.textContent = text;
     this.svg.setAttribute("aria-label", `${text} Points: ${this.spoken(accounting, looks)}.`);
@@ -50,8 +50,9 @@ class SurfaceView {
         const k = i * columns + j;
         const p = 4 * ((columns - 1 - j) * rows + i);
         const known = Number.isFinite(values[k]);
-        pixels.data.set(known ? cividis((values[k] - low) / (high - low || 1)) : [128, 128, 128], p);
-        pixels.data[p + 3] = known ? (feasible(k) ? 255 : 70) : 25;
+        const colour = known ? cividis((values[k] - low) / (high - low || 1)) : [128, 128, 128];
+        pixels.data.set(feasible(k) ? colour : Array(3).fill(Math.round(colour[0] * 0.3 + colour[1] * 0.59 + colour[2] * 0.11)), p);
+        pixels.data[p + 3] = feasible(k) ? 255 : known ? 60 : 25;
       }
     }
     context.putImageData(pixels, 0, 0);
@@ -88,7 +89,7 @@ class SurfaceView {
 
   shown(accounting) {
     const { T, x, points } = this.surface;
-    return points.filter(([policy, of, duration, offset]) => of === accounting && policy !== "no_lane_change"
+    return points.filter(([policy, of, duration, offset]) => of === accounting
       && duration >= T[0] - 1e-9 && duration <= T[T.length - 1] + 1e-9 && offset >= x[0] && offset <= x[x.length - 1]);
   }
 

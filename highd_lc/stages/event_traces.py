@@ -1,0 +1,112 @@
+"""What lies behind an event's tables, computed again for drawing: loss surface, fits, tracking."""
+
+from collections.abc import Iterable, Mapping
+from typing import Final
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from highd_lc.algorithms.following_window import RecordedMotion, following_track
+from highd_lc.algorithms.planner import FORM_OF, PlanningProblem
+from highd_lc.algorithms.pool import Pool
+from highd_lc.algorithms.tracker import track
+from highd_lc.core.car_following import TIME_STEP, simulate
+from highd_lc.core.quintic import Quintic, sample
+from highd_lc.reporting.event import Box, FitTrace, Row, Surface, TrackTrace
+from highd_lc.vocab import names
+from highd_lc.vocab.lcm_parameters import PARAMETERS
+from highd_lc.vocab.tracking import KINEMATIC, Reference
+
+FloatArray = NDArray[np.float64]
+Tracks = Mapping[str, pd.DataFrame]
+
+_ON_SURFACE: Final = (names.CONSTANT, names.HUMAN, *names.FIXED_POLICIES)
+_OFFSETS: Final = 41
+_SMALLEST_HALF_WIDTH_M: Final = 12.0
+
+
+def loss_surface(problem: PlanningProblem, plans: Iterable[Row]) -> Surface:
+    """The fixed form's losses over every other T and x_final - v0 T, wide enough for the plans' points."""
+    n = problem.task.durations[::2]
+    x = np.linspace(-1.0, 1.0, _OFFSETS) * _half_width(problem, plans)
+    delta = np.tile(x, (n.size, 1))
+    pool = problem.task.simulate(n, delta, np.zeros_like(delta))
+    # Arrays are shared between accountings that charge a side over the same time.
+    av_T, av_H, hv_T, hv_H = (_table(pool, name, n.size) for name in ("av_T", "av_H", "hv_T", "hv_H"))
+    return Surface(
+        T=n * problem.scene.dt,
+        x_offset=x,
+        loss_av={names.PAPER: av_T, names.FOLLOWER_HORIZON: av_T, names.EQUAL: av_H},
+        loss_hv={names.PAPER: hv_T, names.FOLLOWER_HORIZON: hv_H, names.EQUAL: hv_H},
+        feasible={a: pool.feasible(a).reshape(n.size, -1) for a in names.ACCOUNTINGS},
+    )
+
+
+def _half_width(problem: PlanningProblem, plans: Iterable[Row]) -> float:
+    v0 = problem.scene.v0
+    offsets = [
+        abs(r["x_final"] - v0 * r["T"]) for r in plans if r["policy"] in _ON_SURFACE and np.isfinite(r["T"])
+    ]
+    return max([1.25 * offset for offset in offsets] + [_SMALLEST_HALF_WIDTH_M])
+
+
+def _table(pool: Pool, name: str, rows: int) -> FloatArray:
+    values = np.asarray(getattr(pool, name)).reshape(rows, -1)
+    return np.where(np.isfinite(values), values, np.nan)
+
+
+def fit_traces(tracks: Tracks, boxes: Mapping[str, Box], fits: Iterable[Row]) -> dict[int, FitTrace]:
+    """Recorded against simulated car following of each fitted follower, by its rank."""
+    return {
+        row["follower"]: _fit_trace(tracks, boxes, row) for row in fits if row["status"] == names.FITTED
+    }  # fmt: skip
+
+
+def _fit_trace(tracks: Tracks, boxes: Mapping[str, Box], fit: Row) -> FitTrace:
+    rank = fit["follower"]
+    role, ahead = (
+        names.target_follower(rank),
+        names.TARGET_LEADER if rank == 1 else names.target_follower(rank - 1),
+    )
+    own = tracks[role]
+    window = own[own["calibration"]]
+    recorded = following_track(_recorded(window, boxes[role]), _recorded(tracks[ahead], boxes[ahead]))
+    simulated = simulate(recorded, np.array([fit[name] for name in PARAMETERS], dtype=float))
+    end = min(window["t"].iloc[-1], tracks[ahead]["t"].iloc[-1])
+    last = np.floor(end / TIME_STEP + 1e-6)
+    return FitTrace(
+        t=(last - np.arange(recorded.x.size)[::-1]) * TIME_STEP,
+        spacing_recorded=recorded.spacing,
+        spacing_simulated=recorded.leader_x - simulated.x,
+        speed_recorded=recorded.v,
+        speed_simulated=simulated.v,
+    )
+
+
+def _recorded(rows: pd.DataFrame, box: Box) -> RecordedMotion:
+    t, x, v, a = (rows[name].to_numpy(float) for name in ("t", "x", "vx", "ax"))
+    return RecordedMotion(t, x, v, a, box.length)
+
+
+def track_traces(problem: PlanningProblem, plans: Iterable[Row]) -> tuple[TrackTrace, ...]:
+    """The MPC's errors and inputs on each planned policy of the primary accounting, on the kinematic car."""
+    chosen = [r for r in plans if r["accounting"] == names.PRIMARY_ACCOUNTING and r["status"] == names.SOLVED]
+    return tuple(_track_trace(problem, row) for row in chosen if row["policy"] in FORM_OF)
+
+
+def _track_trace(problem: PlanningProblem, row: Row) -> TrackTrace:
+    scene = problem.scene
+    plan = Quintic(v0=scene.v0, D=scene.lateral_shift, T=row["T"], x_final=row["x_final"], v_end=row["v_end"])
+    s = sample(plan, np.arange(round(plan.T / scene.dt) + 1) * scene.dt)
+    reference = Reference(scene.dt, s.x, s.y, s.vx, s.vy, s.ax, s.ay)
+    result = track(reference, wheelbase=scene.wheelbase, settings=problem.settings.tracking)
+    return TrackTrace(
+        policy=row["policy"],
+        plant=KINEMATIC,
+        t=scene.dt * np.arange(len(result.errors)),
+        lateral=result.errors[:, 1],
+        longitudinal=result.errors[:, 0],
+        v=result.inputs[:, 0],
+        delta=result.inputs[:, 1],
+    )
