@@ -15,7 +15,8 @@ from highd_lc.vocab.errors import HighdLcError, UsageError
 from highd_lc.vocab.settings import Settings
 
 app = typer.Typer(no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False, help=__doc__)
-console = Console()
+# Where nobody's terminal sets the width (make, CI, a log), the tables get the room that they need.
+console = Console(width=None if sys.stdout.isatty() else 100)
 errors = Console(stderr=True, soft_wrap=True, highlight=False)
 
 _HIGHD = Path("data/highd")

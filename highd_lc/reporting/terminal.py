@@ -2,43 +2,39 @@
 
 import numpy as np
 import pandas as pd
+from rich import box
 from rich.table import Table
 
 
 def matrix_table(matrix: pd.DataFrame) -> Table:
     """The validation matrix over all events: gain of the local optimum over the benchmark, with its interval."""
-    table = Table(
-        title="Validation matrix: gain of the local optimum over the benchmark, all events",
-        caption="gain = 1 - ratio of the summed total losses; intervals by bootstrap over recordings",
+    table = _table(
+        "Validation matrix: gain of the local optimum over the benchmark, all events, in %",
+        "gain = 1 - ratio of the summed total losses; interval: bootstrap over recordings; "
+        "inf. = no feasible plan; better, worse: share of events",
     )
     for heading in ("form", "accounting"):
-        table.add_column(heading)
-    for heading in ("events", "infeasible", "gain", "95 % interval", "gain HV", "gain AV", "better", "worse"):
-        table.add_column(heading, justify="right")
+        table.add_column(heading, no_wrap=True)
+    for heading in ("events", "inf.", "gain", "interval", "HV", "AV", "better", "worse"):
+        table.add_column(heading, justify="right", no_wrap=True)
     for row in matrix[matrix["stratum"] == "all"].itertuples():
-        known = not np.isnan(row.gain_low)
-        interval = f"{_percent(row.gain_low)} .. {_percent(row.gain_high)}" if known else "-"
+        shares = (row.gain_hv, row.gain_av, row.share_better, row.share_worse)
+        interval = _interval(row.gain_low, row.gain_high)
+        counts = (str(row.n_events), str(row.infeasible))
         table.add_row(
-            row.form,
-            row.accounting,
-            str(row.n_events),
-            str(row.infeasible),
-            _percent(row.gain),
-            interval,
-            _percent(row.gain_hv),
-            _percent(row.gain_av),
-            _percent(row.share_better),
-            _percent(row.share_worse),
+            row.form, row.accounting, *counts, _percent(row.gain), interval, *(_percent(s, 1) for s in shares)
         )
     return table
 
 
 def lcm_table(summary: pd.DataFrame) -> Table:
     """Our fitted LCM parameters beside the paper's Table 3: quantiles and mean of all fitted followers."""
-    table = Table(title="LCM parameters: ours / paper (Table 3)")
-    table.add_column("parameter")
-    for heading in ("fits", "25 %", "50 %", "75 %", "mean", "on a bound"):
-        table.add_column(heading, justify="right")
+    table = _table(
+        "LCM parameters, ours / paper's Table 3", "bound: share of fits with the parameter on a bound, %"
+    )
+    table.add_column("quantity", no_wrap=True)
+    for heading in ("fits", "25 %", "50 %", "75 %", "mean", "bound"):
+        table.add_column(heading, justify="right", no_wrap=True)
     for row in summary[summary["group"] == "all"].itertuples():
         pairs = (
             (row.q25, row.paper_q25),
@@ -47,8 +43,16 @@ def lcm_table(summary: pd.DataFrame) -> Table:
             (row.mean, row.paper_mean),
         )
         cells = [_beside(ours, paper) for ours, paper in pairs]
-        table.add_row(row.quantity, str(row.n), *cells, _percent(row.share_at_bound))
+        table.add_row(row.quantity, str(row.n), *cells, _percent(row.share_at_bound, 1))
     return table
+
+
+def _table(title: str, caption: str) -> Table:
+    return Table(title=title, caption=caption, box=box.SIMPLE, padding=(0, 1, 0, 0), title_justify="left")
+
+
+def _interval(low: float, high: float) -> str:
+    return "-" if np.isnan(low) else f"{_percent(low)} .. {_percent(high)}"
 
 
 def _beside(ours: float, paper: float) -> str:
@@ -59,5 +63,5 @@ def _number(value: float) -> str:
     return "-" if np.isnan(value) else f"{value:.3g}"
 
 
-def _percent(share: float) -> str:
-    return "-" if np.isnan(share) else f"{100.0 * share:.2f} %"
+def _percent(share: float, digits: int = 2) -> str:
+    return "-" if np.isnan(share) else f"{100.0 * share:.{digits}f}"
