@@ -35,8 +35,9 @@ NO_ACCELERATION: Final = "no_acceleration"
 _AT_BOUND = 1e-3
 # Below this root mean square of speed [m/s] the follower stands: relative errors of speed mean nothing.
 _STANDING = 0.1
-# Starts whose objective is within this share of the best are equally good.
-_EQUALLY_GOOD = 0.02
+# Starts whose objective is within this share of the best are equally good, and so are all below the second
+# number: recordings rounded to 0.01 m cannot tell them apart.
+_EQUALLY_GOOD, _EXACT = 0.02, 1e-4
 # Points screened for the starts that polish a GA's best.
 _POLISH_SCREEN = 512
 
@@ -160,7 +161,7 @@ def _starts(problem: FitProblem, found: Optimum, rng: np.random.Generator) -> tu
 
 
 def _spread(points: FloatArray, objectives: FloatArray) -> FloatArray:
-    good = objectives <= (1.0 + _EQUALLY_GOOD) * objectives.min()
+    good = objectives <= max((1.0 + _EQUALLY_GOOD) * objectives.min(), _EXACT)
     return points[:, good].std(axis=1) if good.sum() > 1 else np.full(6, np.nan)
 
 

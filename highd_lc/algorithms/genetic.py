@@ -221,16 +221,20 @@ def _survive(
     pool[:n] = objectives
     pool[n:] = child_objectives
     limit = _select(pool, n - 1)
-    place = 0
-    for i in range(n):
-        if child_objectives[i] <= limit:
-            while place < n and objectives[place] <= limit:
-                place += 1
-            if place == n:
-                return
-            objectives[place] = child_objectives[i]
-            for j in range(6):
-                parents[j, place] = children[j, i]
+    ties, donor = n - np.sum(pool < limit), 0
+    for place in range(n):
+        if objectives[place] < limit:
+            continue
+        if objectives[place] == limit and ties > 0:
+            ties -= 1
+            continue
+        while child_objectives[donor] > limit or (child_objectives[donor] == limit and ties <= 0):
+            donor += 1
+        ties -= int(child_objectives[donor] == limit)
+        objectives[place] = child_objectives[donor]
+        for j in range(6):
+            parents[j, place] = children[j, donor]
+        donor += 1
 
 
 @njit(cache=True, nogil=True)
