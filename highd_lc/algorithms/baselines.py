@@ -46,7 +46,7 @@ class LqrController:
         if key not in self._gains:
             p = mpc_parameters(self.settings, self.dt)
             A, B = error_model(v, heading, delta, dt=self.dt, wheelbase=self.wheelbase)
-            self._gains[key] = lqr_gain(A, B, R=p.R, Q=p.Q)
+            self._gains[key] = lqr_gain(A, B, R=p.R * [1.0, 1.0, v * v], Q=p.Q)
         return self._gains[key]
 
 

@@ -6,7 +6,8 @@ Augmented state xi = [psi error (3); previous input error (2)]; decision z = [N_
     E = F + Theta dU,   Theta lower block triangular, N_p x N_c blocks of 3 x 2,
     J = sum ||E_i||_R^2 + sum ||dU_i||_Q^2 + rho eps^2,
 
-where F is the free response to xi. Bounds on the input and on its increment are given in absolute terms and
+where F is the free response to xi. R = diag(R_x, R_y, R_phi v_r^2): the heading is weighed as the lateral speed
+that it stands for, v_r (phi - phi_r), so that an offset decays alike at every speed. Bounds on the input and on its increment are given in absolute terms and
 moved by the reference's own input and increment; eps softens them, one unit by ``softening``.
 
 Compiled functions take a reference as rows [x, y, phi, v, delta], one a sample. Units: m, rad, m/s, s.
@@ -34,8 +35,8 @@ STEERING_STOP = 1.2
 class MpcParameters(NamedTuple):
     """Weights and bounds as compiled code reads them.
 
-    R, shape (3,): weights of the errors in x, y, heading; Q, shape (2,): of the increments of speed and
-    steering error; rho: of the slack; input_lower, input_upper, increment, softening, shape (2,): bounds of
+    R, shape (3,): weights of the errors in x, y, and v_r times heading; Q, shape (2,): of the increments of speed
+    and steering error; rho: of the slack; input_lower, input_upper, increment, softening, shape (2,): bounds of
     speed [m/s] and steering [rad], of their change per sample, and what one unit of slack adds to either.
     """
 
@@ -166,8 +167,8 @@ def predict(
 
 
 @njit(inline="always", fastmath={"contract"})
-def weigh(p: MpcParameters, memory: MpcMemory) -> None:
-    """Write H = 2 (Theta' R Theta + Q) and f = 2 Theta' R F from the prediction."""
+def weigh(rows: FloatArray, k: int, p: MpcParameters, memory: MpcMemory) -> None:
+    """Write H = 2 (Theta' R Theta + Q) and f = 2 Theta' R F from the prediction at sample k."""
     theta, free, H, f = memory.theta, memory.free, memory.H, memory.f
     width = theta.shape[1]
     for a in range(width):
@@ -178,8 +179,10 @@ def weigh(p: MpcParameters, memory: MpcMemory) -> None:
     for r in range(theta.shape[0]):
         # Rows of sample i = r // 3 know the increments 0 .. i only.
         known = min(2 * (r // 3) + 2, width)
+        v = rows[k + r // 3, 3] if r % 3 == 2 else 1.0
+        doubled = 2.0 * p.R[r % 3] * v * v
         for a in range(known):
-            weighted = 2.0 * p.R[r % 3] * theta[r, a]
+            weighted = doubled * theta[r, a]
             f[a] += weighted * free[r]
             for b in range(known):
                 H[a, b] += weighted * theta[r, b]
@@ -216,7 +219,7 @@ def assemble(
 ) -> None:
     """Write the whole QP of sample k (arguments as in ``predict``)."""
     predict(error, input_error, rows, k, wheelbase, p, memory)
-    weigh(p, memory)
+    weigh(rows, k, p, memory)
     bound(input_error, rows, k, p, memory)
 
 

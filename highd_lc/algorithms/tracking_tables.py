@@ -30,9 +30,9 @@ WEIGHTS = (
 FACTORS = (0.1, 1.0 / 3.0, 1.0, 3.0, 10.0)
 HORIZONS = ((2, 2), (4, 4), (6, 1), (6, 2), (6, 4), (6, 6), (8, 4), (10, 4), (15, 4), (20, 10))
 """N_p, N_c of the sensitivity table; 6, 4 is the paper's."""
-HEADING_GRID = (30.0, 100.0, 300.0, 1000.0)
+HEADING_GRID = (0.1, 0.2, 0.3, 0.5, 1.0)
 STEERING_GRID = (1.0, 3.0, 10.0, 30.0)
-SPEED_GRID = (0.01, 0.03, 0.1, 0.3, 1.0)
+SPEED_GRID = (0.03, 0.1, 0.3, 1.0)
 """The sweep's grid: weights of heading, steering increment (unit: the lateral weight), speed increment (unit: the
 longitudinal weight)."""
 ASKED_LATERAL_M = {KINEMATIC: 0.05, MULTI_BODY: 0.15}

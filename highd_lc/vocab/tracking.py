@@ -111,8 +111,8 @@ class TrackingSettings(BaseModel):
         ),
     ] = 1.0
     weight_heading: Annotated[
-        float, Field(gt=0, le=1e6, description="R: weight of the heading error [1/rad^2] (sweep)")
-    ] = 300.0
+        float, Field(gt=0, le=1e6, description="R: weight of v_r times the heading error [s^2/m^2] (sweep)")
+    ] = 0.5
     weight_speed_increment: Annotated[
         float, Field(gt=0, le=1e6, description="Q: weight of the speed error's increment [s^2/m^2] (sweep)")
     ] = 0.3

@@ -78,6 +78,7 @@ def test_objective_equals_the_cost_written_out():
 
     def cost(z):
         E = (memory.free + memory.theta @ z[:-1]).reshape(6, 3)
+        E[:, 2] *= rows[:, 3]
         return (p.R * E**2).sum() + (p.Q * z[:-1].reshape(4, 2) ** 2).sum() + p.rho * z[-1] ** 2
 
     z = rng.normal(size=9)
@@ -96,10 +97,10 @@ def riccati_gain(P, Aa, Ba, Q):
     return np.linalg.solve(Q + Ba.T @ P @ Ba, Ba.T @ P @ Aa)
 
 
-def stage_weights(options):
-    given_settings = TrackingSettings(**options)
-    p = mpc_parameters(given_settings, DT)
-    return np.diag(np.concatenate([p.R, np.zeros(2)])), np.diag(p.Q)
+def stage_weights(rows):
+    """C' R C and Q of the default settings; the heading's weight goes with v_r^2."""
+    p = mpc_parameters(TrackingSettings(), DT)
+    return np.diag([p.R[0], p.R[1], p.R[2] * rows[0, 3] ** 2, 0.0, 0.0]), np.diag(p.Q)
 
 
 XI = np.array([0.02, -0.015, 0.001, 0.01, -0.0005])
@@ -108,7 +109,7 @@ XI = np.array([0.02, -0.015, 0.001, 0.01, -0.0005])
 def test_6_4_equals_four_riccati_steps():
     rows = steady_rows(6)
     Aa, Ba = augmented(rows)
-    CRC, Q = stage_weights({})
+    CRC, Q = stage_weights(rows)
     # After four moves the input is held: three more errors are charged.
     P = sum(np.linalg.matrix_power(Aa, i).T @ CRC @ np.linalg.matrix_power(Aa, i) for i in range(3))
     for _ in range(4):
@@ -120,7 +121,7 @@ def test_6_4_equals_four_riccati_steps():
 def test_with_the_dare_matrix_as_terminal_cost_the_first_move_is_the_lqr():
     rows = steady_rows(6)
     Aa, Ba = augmented(rows)
-    CRC, Q = stage_weights({})
+    CRC, Q = stage_weights(rows)
     P = solve_discrete_are(Aa, Ba, CRC, Q)
     _, memory = assembled(XI[:3], XI[3:], rows, settings=TrackingSettings(horizon=6, control_horizon=6))
     # Terminal weight on the augmented state instead of R on the last error.
@@ -137,7 +138,7 @@ def test_with_the_dare_matrix_as_terminal_cost_the_first_move_is_the_lqr():
 def test_a_long_horizon_approaches_the_lqr():
     rows = steady_rows(60)
     Aa, Ba = augmented(rows)
-    CRC, Q = stage_weights({})
+    CRC, Q = stage_weights(rows)
     K = riccati_gain(solve_discrete_are(Aa, Ba, CRC, Q), Aa, Ba, Q)
     np.testing.assert_allclose(first_move(XI, rows, horizon=60, control_horizon=60), -K @ XI, atol=1e-9)
 
