@@ -41,7 +41,7 @@ def _format_rows(table: NDArray[np.int32], decimals: NDArray[np.bool_], buffer: 
     at = 0
     for row in range(table.shape[0]):
         for column in range(table.shape[1]):
-            value = int(table[row, column])
+            value = np.int64(table[row, column])
             if value < 0:
                 buffer[at] = _MINUS
                 at += 1
@@ -61,7 +61,7 @@ def _format_rows(table: NDArray[np.int32], decimals: NDArray[np.bool_], buffer: 
 
 
 @njit(cache=True, nogil=True)
-def _put_digits(value: int, buffer: NDArray[np.uint8], at: int) -> int:
+def _put_digits(value: np.int64, buffer: NDArray[np.uint8], at: int) -> int:
     """Print a number that is not negative; returns where it ends."""
     digits, limit = 1, 10
     while value >= limit:
