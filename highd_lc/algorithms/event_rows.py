@@ -4,14 +4,16 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from highd_lc.algorithms.extraction import Crossing
 from highd_lc.algorithms.neighbours import NOBODY
 from highd_lc.algorithms.roles import Roles
-from highd_lc.algorithms.track_index import Traffic, find_rows
+from highd_lc.algorithms.track_index import Traffic, find_row
 from highd_lc.vocab import names
 
+FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 # Recorded motion of the ego before its start, so that smoothing it has no edge at the start.
@@ -77,34 +79,45 @@ def calibration_rows(traffic: Traffic, follower: int, leader: int, *, lane: int,
     """Rows of the follower's calibration window: the longest run of consecutive frames before t_start in which
     it is on ``lane`` behind ``leader``, both inside the usable part of the section. Empty without a leader.
     """
-    span = traffic.index.span(follower)
     if leader == NOBODY:
-        return slice(span.start, span.start)
-    rows = np.arange(span.start, span.stop)
-    frame = traffic.index.frame[rows]
-    leader_rows = find_rows(traffic.index.starts, traffic.index.frame, np.full(len(rows), leader), frame)
-    entry, stop = traffic.entry[traffic.direction[follower]], traffic.stop[traffic.direction[follower]]
-    good = (
-        (frame < before_frame)
-        & (traffic.leader_id[rows] == traffic.ids[leader])
-        & (traffic.lane[rows] == lane)
-        & (leader_rows >= 0)
-        & (traffic.x[rows] >= entry)
-        & (traffic.x[leader_rows] <= stop)
-        & (traffic.x[leader_rows] >= entry)
+        return slice(0, 0)
+    direction = traffic.direction[follower]
+    first, stop = _longest_run(
+        traffic.index.starts,
+        traffic.index.frame,
+        traffic.x,
+        (traffic.lane[traffic.index.span(follower)] == lane)
+        & (traffic.leader_id[traffic.index.span(follower)] == traffic.ids[leader]),
+        (follower, leader),
+        before_frame,
+        (traffic.entry[direction], traffic.stop[direction]),
     )
-    first, last = _longest_run(frame, good)
-    return slice(span.start + first, span.start + last)
+    return slice(int(first), int(stop))
 
 
-def _longest_run(frame: IntArray, good: NDArray[np.bool_]) -> tuple[int, int]:
-    """First place and end of the longest run of good samples in consecutive frames; the later one of equals."""
-    places = np.flatnonzero(good)
-    if len(places) == 0:
-        return 0, 0
-    breaks = np.flatnonzero((np.diff(places) != 1) | (np.diff(frame[places]) != 1))
-    firsts = np.concatenate([[0], breaks + 1])
-    sizes = np.diff(firsts, append=len(places))
-    best = len(sizes) - 1 - int(np.argmax(sizes[::-1]))
-    first = int(places[firsts[best]])
-    return first, first + int(sizes[best])
+@njit(cache=True, nogil=True)
+def _longest_run(
+    starts: IntArray,
+    frame: IntArray,
+    x: FloatArray,
+    follows: NDArray[np.bool_],
+    pair: tuple[int, int],
+    before_frame: int,
+    section: tuple[float, float],
+) -> tuple[int, int]:
+    """First row and end of the longest run; follows: whether each of the follower's rows may belong to it."""
+    follower, leader = pair
+    best_first = best_stop = run_first = starts[follower]
+    for row in range(starts[follower], starts[follower + 1]):
+        if frame[row] >= before_frame:
+            break
+        ahead = find_row(starts, frame, leader, frame[row]) if follows[row - starts[follower]] else -1
+        good = ahead >= 0 and x[row] >= section[0] and x[ahead] <= section[1]
+        if not good:
+            run_first = row + 1
+            continue
+        if row > run_first and frame[row] != frame[row - 1] + 1:
+            run_first = row
+        if row + 1 - run_first >= best_stop - best_first:
+            best_first, best_stop = run_first, row + 1
+    return best_first, best_stop

@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from highd_lc.core.kinematics import local_polynomial
@@ -131,19 +132,18 @@ def _judge(
     towards = smooth * (change.target - change.origin)
     begin = max(first, before.crossing) if before else first
     stop = min(last, after.crossing - 1) if after else last
-    back = np.arange(change.crossing - 1, begin - 1, -1)
-    ahead = np.arange(change.crossing, stop + 1)
-    start = _first_rest(towards[:, back], path.rate, rule=rule, open_ended=begin == first)
-    end = _first_rest(towards[:, ahead], path.rate, rule=rule, open_ended=stop == last)
+    needed = 1 + round(rule.persistence_s * path.rate)
+    limits = np.array([rule.clearance_m, rule.speed, rule.acceleration])
+    crossing = change.crossing
     found = replace(
         change,
-        start=int(back[start]) if start != ABSENT else ABSENT,
-        end=int(ahead[end]) if end != ABSENT else ABSENT,
+        start=_first_rest(towards, crossing - 1, crossing - begin, -1, begin == first, needed, limits),
+        end=_first_rest(towards, crossing, stop - crossing + 1, 1, stop == last, needed, limits),
     )
     reasons = [
-        _why_no_rest(found, before, cut=names.CUT_BEFORE_START, broken=first > 0) if start == ABSENT else "",
+        _why_no_rest(found, before, cut=names.CUT_BEFORE_START, broken=first > 0) if found.start == ABSENT else "",
         _why_no_rest(found, after, cut=names.CUT_AFTER_END, broken=last < len(path.y) - 1)
-        if end == ABSENT
+        if found.end == ABSENT
         else "",
     ]
     return _with_verdict(found, [reason for reason in reasons if reason], path, towards[1], rule=rule)
@@ -167,21 +167,28 @@ def _unbroken(frame: IntArray, sample: int) -> tuple[int, int]:
     return first, last
 
 
-def _first_rest(outward: FloatArray, rate: float, *, rule: Rule, open_ended: bool) -> int:
-    """First of the samples, ordered outward from the crossing, at which the vehicle keeps its lane, or ABSENT.
+@njit(cache=True, nogil=True)
+def _first_rest(
+    towards: FloatArray, first: int, count: int, step: int, open_ended: bool, needed: int, limits: FloatArray
+) -> int:
+    """First sample, outward from the crossing, at which the vehicle keeps its lane, or ABSENT.
 
-    outward: distance past the marking, speed and acceleration towards the target, shape (3, n). At the end of
-    a track (open_ended) the persistence that is still in view counts; before another lane change it does not.
+    towards: distance past the marking, speed and acceleration towards the target, shape (3, n); first, count,
+    step: the samples outward; needed: how many samples in a row must be slow; limits: of distance, speed and
+    acceleration. At the end of a track (open_ended) the slow samples still in view are enough; before another
+    lane change they are not.
     """
-    distance, speed, acceleration = outward
-    n = len(speed)
-    fast = np.flatnonzero(speed >= rule.speed)
-    places = np.searchsorted(fast, np.arange(n))
-    until_fast = np.append(fast, n)[places] - np.arange(n)
-    needed = 1 + round(rule.persistence_s * rate)
-    persistent = (until_fast >= needed) | ((places == len(fast)) & (until_fast > 0) & open_ended)
-    rest = persistent & (np.abs(acceleration) < rule.acceleration) & (np.abs(distance) >= rule.clearance_m)
-    return int(np.argmax(rest)) if rest.any() else ABSENT
+    for place in range(count):
+        sample = first + step * place
+        at_rest = abs(towards[2, sample]) < limits[2] and abs(towards[0, sample]) >= limits[0]
+        if not at_rest or towards[1, sample] >= limits[1]:
+            continue
+        slow = place + 1
+        while slow < min(count, place + needed) and towards[1, first + step * slow] < limits[1]:
+            slow += 1
+        if slow == place + needed or (slow == count and open_ended):
+            return sample
+    return ABSENT
 
 
 def _why_no_rest(change: LaneChange, other: LaneChange | None, *, cut: str, broken: bool) -> str:

@@ -36,50 +36,38 @@ class Roles:
 
 def find_roles(traffic: Traffic, maneuver: Maneuver, *, max_link_m: float, max_followers: int) -> Roles:
     """Leader and follower on the origin lane, leader and follower chain on the target lane, from geometry."""
-    ego = _ego(traffic, maneuver)
-    origin = neighbours(
-        ego, _lane(traffic, maneuver, maneuver.origin_lane), max_link_m=max_link_m, max_followers=1
-    )
-    target = neighbours(
-        ego,
-        _lane(traffic, maneuver, maneuver.target_lane),
-        max_link_m=max_link_m,
-        max_followers=max_followers,
-    )
+    ego, others = _around(traffic, maneuver)
+    origin = neighbours(ego, others[maneuver.origin_lane], max_link_m=max_link_m, max_followers=1)
+    target = neighbours(ego, others[maneuver.target_lane], max_link_m=max_link_m, max_followers=max_followers)
     origin_follower = origin.followers[0] if origin.followers else NOBODY
-    chain = (target.leader, *target.followers)
+    frame = maneuver.start_frame
     return Roles(
         origin_leader=origin.leader,
         origin_follower=origin_follower,
         target_leader=target.leader,
         followers=target.followers,
         follower_ahead=target.follower_ahead,
-        confirmed=_is_chain(traffic, (origin.leader, maneuver.ego, origin_follower), maneuver.start_frame)
-        and _is_chain(traffic, chain, maneuver.start_frame),
+        confirmed=_is_chain(traffic, (origin.leader, maneuver.ego, origin_follower), frame)
+        and _is_chain(traffic, (target.leader, *target.followers), frame),
     )
 
 
-def _ego(traffic: Traffic, maneuver: Maneuver) -> Ego:
-    half = float(traffic.length[maneuver.ego]) / 2
-    now = traffic.x[traffic.index.row(maneuver.ego, maneuver.start_frame)]
-    later = traffic.x[traffic.index.row(maneuver.ego, maneuver.crossing_frame)]
-    return Ego(front=float(now) + half, rear=float(now) - half, later_front=float(later) + half)
-
-
-def _lane(traffic: Traffic, maneuver: Maneuver, lane: int) -> Lane:
-    """The other vehicles on a lane of the ego's carriageway at t_start."""
+def _around(traffic: Traffic, maneuver: Maneuver) -> tuple[Ego, dict[int, Lane]]:
+    """The ego, and the other vehicles on the two lanes of its carriageway at t_start."""
     vehicles, rows = traffic.index.in_view(maneuver.start_frame)
     same_way = traffic.direction[vehicles] == traffic.direction[maneuver.ego]
-    chosen = same_way & (traffic.lane[rows] == lane) & (vehicles != maneuver.ego)
-    vehicles, rows = vehicles[chosen], rows[chosen]
+    vehicles, rows = vehicles[same_way], rows[same_way]
+    later_rows = traffic.index.rows(vehicles, maneuver.crossing_frame)
     half = traffic.length[vehicles] / 2
-    later = traffic.index.rows(vehicles, maneuver.crossing_frame)
-    return Lane(
-        vehicle=vehicles,
-        front=traffic.x[rows] + half,
-        rear=traffic.x[rows] - half,
-        later_front=np.where(later >= 0, traffic.x[later] + half, np.nan),
-    )
+    front, rear = traffic.x[rows] + half, traffic.x[rows] - half
+    later_front = np.where(later_rows >= 0, traffic.x[later_rows] + half, np.nan)
+    lane, others = traffic.lane[rows], vehicles != maneuver.ego
+    lanes = {}
+    for number in (maneuver.origin_lane, maneuver.target_lane):
+        chosen = others & (lane == number)
+        lanes[number] = Lane(vehicles[chosen], front[chosen], rear[chosen], later_front[chosen])
+    own = int(np.argmin(others))
+    return Ego(float(front[own]), float(rear[own]), float(later_front[own])), lanes
 
 
 def _is_chain(traffic: Traffic, chain: tuple[int, ...], frame: int) -> bool:

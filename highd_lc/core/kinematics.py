@@ -4,7 +4,6 @@ from functools import lru_cache
 from math import factorial
 
 import numpy as np
-from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
@@ -27,20 +26,27 @@ def local_polynomial(values: FloatArray, rate: float, *, window_s: float, order:
     half = max(window_samples(window_s, rate) // 2, (order + 1) // 2)
     window = min(2 * half + 1, n)
     degree = min(order, window - 1)
-    fits = sliding_window_view(np.asarray(values, dtype=np.float64), window) @ _projection(window, degree).T
-    centres = np.clip(np.arange(n) - window // 2, 0, n - window)
-    offset = np.arange(n) - centres - (window - 1) / 2
     result = np.zeros((order + 1, n))
-    for k in range(degree + 1):
-        for power in range(k, degree + 1):
-            scale = factorial(power) / factorial(power - k)
-            result[k] += scale * fits[centres, power] * offset ** (power - k)
-        result[k] *= rate**k
+    middle = slice((window - 1) // 2, n - window // 2)
+    for k, (start, inside, stop) in enumerate(_filters(window, degree, rate)):
+        result[k, middle] = np.correlate(values, inside, mode="valid")
+        result[k, : middle.start] = start @ values[:window]
+        result[k, middle.stop :] = stop @ values[n - window :]
     return result
 
 
 @lru_cache(maxsize=64)
-def _projection(window: int, degree: int) -> FloatArray:
-    """Coefficients of the polynomial in the sample offset from the window's middle: (degree + 1, window)."""
-    offsets = np.arange(window) - (window - 1) / 2
-    return np.linalg.pinv(np.vander(offsets, degree + 1, increasing=True))
+def _filters(window: int, degree: int, rate: float) -> tuple[tuple[FloatArray, FloatArray, FloatArray], ...]:
+    """For each derivative: weights of the window's samples for those before its middle one, for the middle one,
+    and for those after it, of shapes (window // 2, window), (window,), (window // 2, window).
+    """
+    offsets = np.arange(window) - float((window - 1) // 2)
+    projection = np.linalg.pinv(np.vander(offsets, degree + 1, increasing=True))
+    filters = []
+    for k in range(degree + 1):
+        powers = np.arange(k, degree + 1)
+        scale = np.array([factorial(p) / factorial(p - k) for p in powers]) * rate**k
+        weights = (offsets[:, None] ** (powers - k) * scale) @ projection[k:]
+        middle = (window - 1) // 2
+        filters.append((weights[:middle], weights[middle], weights[middle + 1 :]))
+    return tuple(filters)

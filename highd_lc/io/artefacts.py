@@ -49,7 +49,15 @@ def _parquet_options(name: str) -> dict[str, Any]:
     if name not in _LARGE_TABLES:
         return _SMALL
     words = [column.name for column in TABLES[name].columns if column.kind == "string"]
-    return {"compression": "lz4", "use_dictionary": words or False, "write_statistics": ["recording_id"]}
+    return {
+        "compression": "lz4",
+        "use_dictionary": words or False,
+        "write_statistics": ["recording_id"],
+        "write_batch_size": 1 << 17,
+    }
+
+
+_NULLABLE = {pa.int64(): pd.Int64Dtype(), pa.int32(): pd.Int32Dtype()}
 
 
 @cache
@@ -211,8 +219,8 @@ def read_file(
 def _to_frame(table: Table, data: pa.Table) -> pd.DataFrame:
     frame = data.to_pandas(maps_as_pydicts="strict")
     for column in table.columns:
-        if column.nullable and column.kind == "int64" and column.name in frame:
-            frame[column.name] = data[column.name].to_pandas(types_mapper={pa.int64(): pd.Int64Dtype()}.get)
+        if column.nullable and column.kind in ("int64", "int32") and column.name in frame:
+            frame[column.name] = data[column.name].to_pandas(types_mapper=_NULLABLE.get)
     return frame
 
 

@@ -49,22 +49,22 @@ def read_rows(path: Path, vehicles: VehicleMetas) -> Rows:
     two rows contradict each other.
     """
     columns = read_columns(path, _FIELDS)
-    _refuse_strangers(path, columns["id"], vehicles)
-    columns, place = _ordered(columns)
-    doubled = _doubled(path, columns, place)
+    if len(columns["id"]) == 0:
+        raise InputError(f"{path}: no rows")
     dropped = np.zeros(len(vehicles.id), dtype=np.int64)
-    if len(doubled):
+    index = TrackIndex.of(columns["id"], columns["frame"])
+    _refuse_strangers(path, columns["id"], index.starts[:-1], vehicles=vehicles)
+    if not _is_ordered(columns["id"], index):
+        columns, place = _ordered(columns)
+        doubled = _doubled(path, columns, place)
         np.add.at(dropped, np.searchsorted(vehicles.id, columns["id"][doubled]), 1)
         columns = {name: np.delete(values, doubled) for name, values in columns.items()}
-    index = TrackIndex.of(columns["id"], columns["frame"])
+        index = TrackIndex.of(columns["id"], columns["frame"])
     _refuse_absent(path, columns["id"][index.starts[:-1]], vehicles)
     return Rows(columns, index, dropped)
 
 
-def _refuse_strangers(path: Path, ids: IntArray, vehicles: VehicleMetas) -> None:
-    if len(ids) == 0:
-        raise InputError(f"{path}: no rows")
-    runs = np.flatnonzero(np.diff(ids, prepend=-1))
+def _refuse_strangers(path: Path, ids: IntArray, runs: IntArray, *, vehicles: VehicleMetas) -> None:
     unknown = runs[~np.isin(ids[runs], vehicles.id)]
     if len(unknown):
         raise InputError(
@@ -80,24 +80,27 @@ def _refuse_absent(path: Path, ids: IntArray, vehicles: VehicleMetas) -> None:
         )
 
 
-def _ordered(columns: Columns) -> tuple[Columns, IntArray | None]:
-    """Rows by vehicle and frame; their places in the file if they stood in another order."""
-    ids, frames = columns["id"], columns["frame"]
-    step = np.diff(ids)
-    if np.all((step > 0) | ((step == 0) & (frames[1:] >= frames[:-1]))):
-        return columns, None
-    place = np.lexsort((frames, ids))
+def _is_ordered(ids: IntArray, index: TrackIndex) -> bool:
+    """Whether ids ascend from run to run and frames within each run, none twice."""
+    rising = index.frame[1:] > index.frame[:-1]
+    rising[index.starts[1:-1] - 1] = True
+    return bool(rising.all() and np.all(np.diff(ids[index.starts[:-1]]) > 0))
+
+
+def _ordered(columns: Columns) -> tuple[Columns, IntArray]:
+    """Rows by vehicle and frame, and their places in the file."""
+    place = np.lexsort((columns["frame"], columns["id"]))
     return {name: values[place] for name, values in columns.items()}, place
 
 
-def _doubled(path: Path, columns: Columns, place: IntArray | None) -> IntArray:
+def _doubled(path: Path, columns: Columns, place: IntArray) -> IntArray:
     """Rows that repeat the row before them. Raises InputError if they differ in any column."""
     ids, frames = columns["id"], columns["frame"]
     again = 1 + np.flatnonzero((frames[1:] == frames[:-1]) & (ids[1:] == ids[:-1]))
     for name, values in columns.items():
         different = again[values[again] != values[again - 1]]
         if len(different):
-            row = different[0] if place is None else place[different[0]]
+            row = place[different[0]]
             raise InputError(
                 f"{path}: row {row + 2}, column {name!r}: contradicts another row of vehicle {ids[different[0]]} in "
                 f"frame {frames[different[0]]}"

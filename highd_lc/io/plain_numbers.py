@@ -1,7 +1,8 @@
 """Compiled reading of plain decimal columns from a CSV file: digits, a sign, a point, commas, nothing else.
 
-It reads four times as fast as a general reader because it looks only at the columns asked for and knows only
-what HighD writes. At the first byte that is anything else it gives up and a general reader takes over.
+It reads several times as fast as a general reader because it looks only at the columns asked for, steps over
+the others eight bytes at a time, and knows only what HighD writes. At the first byte that is anything else it
+gives up, and a general reader takes over.
 """
 
 from pathlib import Path
@@ -10,13 +11,22 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+SKIPPED = -1
+FIRST_FLOAT = 64
+
 _CHUNK = 1 << 20
+_WORD = 8
 _POWERS = 10.0 ** np.arange(16)
 _MINUS, _POINT, _COMMA, _ZERO, _LINE_FEED, _RETURN = 45, 46, 44, 48, 10, 13
-_SKIPPED = -1
-FIRST_FLOAT = 64
 # Up to here every whole number is a float64, so that number / power of ten is the nearest float64.
 _MOST_DIGITS = 15
+_GAVE_UP = -1
+
+# Constants of the arithmetic on eight bytes at a time; the first character is the lowest byte.
+_EACH_BYTE = np.uint64(0x0101010101010101)
+_LOW_BITS = np.uint64(0x7F7F7F7F7F7F7F7F)
+_COMMAS = np.uint64(0x2C2C2C2C2C2C2C2C)
+_ONE, _SEVEN, _TOP_BYTE = np.uint64(1), np.uint64(7), np.uint64(56)
 
 
 def read_plain(
@@ -26,7 +36,8 @@ def read_plain(
 
     kinds: for each column of the file -1 = skip, k = k-th whole-number column, 64 + k = k-th decimal column;
     limits: smallest and largest value of each column, shape (columns, 2). Returns arrays of shape (whole-number
-    columns, rows) and (decimal columns, rows); None if any line is not plain, torn or out of its limits.
+    columns, rows) and (decimal columns, rows); None if a line is torn, or a cell not plain or out of its limits.
+    A line break inside a skipped cell goes unnoticed.
     """
     n_integers = int(np.sum((kinds >= 0) & (kinds < FIRST_FLOAT)))
     n_floats = int(np.sum(kinds >= FIRST_FLOAT))
@@ -36,7 +47,7 @@ def read_plain(
     integers = np.empty((n_integers, most_rows), dtype=np.int64)
     floats = np.empty((n_floats, most_rows))
     rows = _read_chunks(path, kinds, limits, integers=integers, floats=floats)
-    return None if rows < 0 else (integers[:, :rows], floats[:, :rows])
+    return None if rows == _GAVE_UP else (integers[:, :rows], floats[:, :rows])
 
 
 def _read_chunks(
@@ -47,82 +58,119 @@ def _read_chunks(
     integers: NDArray[np.int64],
     floats: NDArray[np.float64],
 ) -> int:
-    """Parse the file chunk by chunk of whole lines. Returns the number of rows, -1 if it gave up."""
-    buffer = np.empty(_CHUNK, dtype=np.uint8)
+    """Parse the file chunk by chunk of whole lines. Returns the number of rows, or that it gave up."""
+    buffer = np.zeros(_CHUNK + _WORD, dtype=np.uint8)
+    words = np.ndarray(shape=_CHUNK + 1, dtype=np.uint64, buffer=buffer, strides=1)
+    runs = _runs(kinds)
     row = kept = 0
     with path.open("rb") as file:
         file.readline()
-        while True:
-            got = file.readinto(memoryview(buffer)[kept:])
-            if not got:
-                return row if kept == 0 else -1
+        while got := file.readinto(memoryview(buffer)[kept:_CHUNK]):
             filled = kept + got
-            row, used = _parse(buffer[:filled], kinds, limits, integers, floats, row, _POWERS)
+            row, used = _parse(buffer, words, filled, kinds, runs, limits, integers, floats, row, _POWERS)
             if used <= 0:
-                return -1
+                return _GAVE_UP
             kept = filled - used
             buffer[:kept] = buffer[used:filled]
+    return row if kept == 0 else _GAVE_UP
+
+
+def _runs(kinds: NDArray[np.int64]) -> NDArray[np.int64]:
+    """How many columns from each one on are skipped together; the last column never is one of them."""
+    runs = np.zeros(len(kinds), dtype=np.int64)
+    for column in range(len(kinds) - 2, -1, -1):
+        runs[column] = runs[column + 1] + 1 if kinds[column] == SKIPPED else 0
+    return runs
+
+
+@njit(inline="always")
+def _after_commas(words, at, commas, stop):
+    """Place after the given number of commas, eight bytes a step; ``stop`` if there are not as many.
+
+    A byte of ``marks`` has its top bit set where the byte is a comma (exact: no borrow between bytes).
+    """
+    while at < stop:
+        other = words[at] ^ _COMMAS
+        marks = ~(((other & _LOW_BITS) + _LOW_BITS) | other | _LOW_BITS)
+        found = np.int64(((marks >> _SEVEN) * _EACH_BYTE) >> _TOP_BYTE)
+        if found >= commas:
+            for _ in range(commas - 1):
+                marks &= marks - _ONE
+            below = (marks & (~marks + _ONE)) - _ONE
+            return at + np.int64(((below & _EACH_BYTE) * _EACH_BYTE) >> _TOP_BYTE)
+        commas -= found
+        at += _WORD
+    return stop
+
+
+@njit(inline="always")
+def _number(buffer, at, decimal):
+    """Number from ``at`` on without its point, its decimals, and the place after it, -1 if it is not plain."""
+    byte = buffer[at]
+    negative = byte == _MINUS
+    if negative:
+        at += 1
+        byte = buffer[at]
+    number, digits, decimals = np.int64(0), 0, 0
+    digit = np.uint8(byte - _ZERO)
+    while digit < 10:
+        number = number * 10 + np.int64(digit)
+        digits += 1
+        at += 1
+        byte = buffer[at]
+        digit = np.uint8(byte - _ZERO)
+    if byte == _POINT and decimal and digits > 0:
+        at += 1
+        digit = np.uint8(buffer[at] - _ZERO)
+        while digit < 10:
+            number = number * 10 + np.int64(digit)
+            decimals += 1
+            at += 1
+            digit = np.uint8(buffer[at] - _ZERO)
+    plain = 0 < digits + decimals <= _MOST_DIGITS
+    return (-number if negative else number), decimals, (at if plain else _GAVE_UP)
 
 
 @njit(cache=True, nogil=True)
-def _parse(buffer, kinds, limits, integers, floats, row, powers):
-    """Parse the whole lines of a buffer. Returns the next row and the bytes used, -1 if a line is not plain."""
-    stop = len(buffer)
+def _parse(buffer, words, filled, kinds, runs, limits, integers, floats, row, powers):
+    """Parse the whole lines of a buffer. Returns the next row and the bytes used, or that it gave up.
+
+    words: the eight bytes from each byte of the buffer on.
+    """
+    stop = filled
     while stop > 0 and buffer[stop - 1] != _LINE_FEED:
         stop -= 1
-    n_columns = len(kinds)
+    last = len(kinds) - 1
     at = 0
     while at < stop:
-        for column in range(n_columns):
+        column = 0
+        while column <= last:
+            if runs[column] > 0:
+                at = _after_commas(words, at, runs[column], stop)
+                column += runs[column]
+                if at >= stop:
+                    return row, _GAVE_UP
             kind = kinds[column]
-            byte = buffer[at]
-            if kind == _SKIPPED:
-                while byte != _COMMA and byte != _LINE_FEED:
+            if kind == SKIPPED:  # the last column
+                while buffer[at] != _LINE_FEED and buffer[at] != _COMMA:
                     at += 1
-                    byte = buffer[at]
             else:
-                negative = byte == _MINUS
-                if negative:
-                    at += 1
-                    byte = buffer[at]
-                number, digits, decimals = np.int64(0), 0, 0
-                digit = np.uint8(byte - _ZERO)
-                while digit < 10:
-                    number = number * 10 + np.int64(digit)
-                    digits += 1
-                    at += 1
-                    byte = buffer[at]
-                    digit = np.uint8(byte - _ZERO)
-                if byte == _POINT and kind >= FIRST_FLOAT:
-                    at += 1
-                    byte = buffer[at]
-                    digit = np.uint8(byte - _ZERO)
-                    while digit < 10:
-                        number = number * 10 + np.int64(digit)
-                        decimals += 1
-                        at += 1
-                        byte = buffer[at]
-                        digit = np.uint8(byte - _ZERO)
-                if digits == 0 or digits + decimals > _MOST_DIGITS:
-                    return row, -1
-                if negative:
-                    number = -number
+                decimal = kind >= FIRST_FLOAT
+                number, decimals, at = _number(buffer, at, decimal)
+                if at == _GAVE_UP:
+                    return row, _GAVE_UP
                 value = number / powers[decimals]
                 if not limits[column, 0] <= value <= limits[column, 1]:
-                    return row, -1
-                if kind < FIRST_FLOAT:
-                    integers[kind, row] = number
-                else:
+                    return row, _GAVE_UP
+                if decimal:
                     floats[kind - FIRST_FLOAT, row] = value
-            if column < n_columns - 1:
-                if byte != _COMMA:
-                    return row, -1
-            else:
-                if byte == _RETURN:
-                    at += 1
-                    byte = buffer[at]
-                if byte != _LINE_FEED:
-                    return row, -1
+                else:
+                    integers[kind, row] = number
+            if column == last and buffer[at] == _RETURN:
+                at += 1
+            if buffer[at] != (_LINE_FEED if column == last else _COMMA):
+                return row, _GAVE_UP
             at += 1
+            column += 1
         row += 1
     return row, at

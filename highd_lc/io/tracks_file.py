@@ -26,9 +26,10 @@ _NULL_IF_ZERO = ("lane", "leader_id", "follower_id")
 
 @dataclass(frozen=True)
 class TrackArrays:
-    """Rows of the tracks artefact, ordered by vehicle and frame, each of shape (rows,); 0 = null.
+    """Rows of the tracks artefact that extraction needs, ordered by vehicle and frame, (rows,) each; 0 = null.
 
-    x, y [m], vx, vy [m/s], ax, ay [m/s^2] in road coordinates (see ``vocab.tables.TRACKS``).
+    x, y [m], vx, vy [m/s], ax, ay [m/s^2] in road coordinates (see ``vocab.tables.TRACKS``); speeds and
+    accelerations with single precision.
     """
 
     vehicle_id: IntArray
@@ -41,7 +42,6 @@ class TrackArrays:
     ay: FloatArray
     lane: IntArray
     leader_id: IntArray
-    follower_id: IntArray
 
 
 def path_of(work: Path, recording: int) -> Path:
@@ -51,7 +51,8 @@ def path_of(work: Path, recording: int) -> Path:
 
 def write(work: Path, recording: Recording, provenance: Provenance) -> int:
     """Write a recording's tracks. Returns the number of rows."""
-    columns = {name: _to_arrow(name, values) for name, values in _columns(recording).items()}
+    values = _columns(recording)
+    columns = {field.name: _to_arrow(field, values[field.name]) for field in artefacts.arrow_schema("tracks")}
     return artefacts.write_columns(path_of(work, recording.number), "tracks", columns, provenance)
 
 
@@ -68,8 +69,9 @@ def _columns(recording: Recording) -> dict[str, FloatArray | IntArray]:
     }
 
 
-def _to_arrow(name: str, values: FloatArray | IntArray) -> pa.Array:
-    return pa.array(values, mask=values == 0 if name in _NULL_IF_ZERO else None)
+def _to_arrow(field: pa.Field, values: FloatArray | IntArray) -> pa.Array:
+    empty = values == 0 if field.name in _NULL_IF_ZERO else None
+    return pa.array(values.astype(field.type.to_pandas_dtype(), copy=False), mask=empty)
 
 
 def read(work: Path, recording: int) -> TrackArrays:
@@ -87,5 +89,7 @@ def read(work: Path, recording: int) -> TrackArrays:
 
 
 def _to_numpy(column: pa.ChunkedArray) -> FloatArray | IntArray:
+    """As 64 bit, for one compiled version of every kernel."""
     values = column.combine_chunks()
-    return (values.fill_null(0) if values.null_count else values).to_numpy(zero_copy_only=False)
+    narrow = (values.fill_null(0) if values.null_count else values).to_numpy(zero_copy_only=False)
+    return narrow.astype(np.int64 if narrow.dtype.kind == "i" else np.float64, copy=False)

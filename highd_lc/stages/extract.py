@@ -171,7 +171,11 @@ def _id(recording: _Recording, vehicle: int) -> int | None:
 
 
 def _snapped(values):
-    """To the grid of 1e-4 m, so that a mirrored recording gives the same numbers; never -0."""
+    """To the grid of 1e-4, so that a mirrored recording gives the same numbers; never -0.
+
+    Undoes the rounding of positions in sums and of speeds in the tracks artefact: HighD's values have a grid of
+    0.01, the halves of its lengths one of 0.005.
+    """
     return np.round(values, 4) + 0.0
 
 
@@ -193,31 +197,40 @@ def _write_event_tracks(job: Job, recording: _Recording, events: list[Crossing])
 
 def _event_track_columns(recording: _Recording, pieces: list[tuple[Crossing, RoleRows]]) -> dict[str, pa.Array]:
     traffic, tracks = recording.traffic, recording.tracks
-    sizes = np.array([part.rows.stop - part.rows.start for _, part in pieces], dtype=np.int64)
-    rows = _concatenated([np.arange(part.rows.start, part.rows.stop) for _, part in pieces])
+    spans = [part.rows for _, part in pieces]
+    sizes = np.array([span.stop - span.start for span in spans], dtype=np.int64)
     of_piece = np.repeat(np.arange(len(pieces)), sizes)
     starts = np.array([event.start_frame for event, _ in pieces], dtype=np.int64)
     origins = np.array([traffic.index.row(event.ego, event.start_frame) for event, _ in pieces], dtype=np.int64)
-    windows = np.array(
-        [(part.calibration.start, part.calibration.stop) for _, part in pieces], dtype=np.int64
-    ).reshape(-1, 2)
-    origin = origins[of_piece]
-    motion = {name: pa.array(getattr(tracks, name)[rows]) for name in ("vx", "vy", "ax", "ay")}
+    relative = {
+        name: _snapped(_joined(values, spans) - np.repeat(values[origins], sizes))
+        for name, values in (("x", tracks.x), ("y", tracks.y))
+    }
+    columns = {
+        **relative,
+        **{name: _snapped(_joined(getattr(tracks, name), spans)) for name in ("vx", "vy", "ax", "ay")},
+        "vehicle_id": _joined(tracks.vehicle_id, spans),
+        "recording_id": np.full(len(of_piece), recording.number),
+        "t": (_joined(tracks.frame, spans) - np.repeat(starts, sizes)) / traffic.rate,
+        "calibration": _calibration(pieces, sizes),
+    }
     return {
-        **motion,
+        **{name: pa.array(values) for name, values in columns.items()},
         "event_id": _repeated([_event_id(recording, event) for event, _ in pieces], of_piece),
         "role": _repeated([part.role for _, part in pieces], of_piece),
-        "recording_id": pa.array(np.full(len(rows), recording.number)),
-        "vehicle_id": pa.array(tracks.vehicle_id[rows]),
-        "t": pa.array((tracks.frame[rows] - starts[of_piece]) / traffic.rate),
-        "x": pa.array(_snapped(tracks.x[rows] - tracks.x[origin])),
-        "y": pa.array(_snapped(tracks.y[rows] - tracks.y[origin])),
-        "calibration": pa.array((rows >= windows[of_piece, 0]) & (rows < windows[of_piece, 1])),
     }
 
 
-def _concatenated(arrays: list[IntArray]) -> IntArray:
-    return np.concatenate(arrays) if arrays else np.empty(0, dtype=np.int64)
+def _joined(values: FloatArray | IntArray, spans: list[slice]) -> FloatArray | IntArray:
+    return np.concatenate([values[span] for span in spans]) if spans else values[:0]
+
+
+def _calibration(pieces: list[tuple[Crossing, RoleRows]], sizes: IntArray) -> NDArray[np.bool_]:
+    chosen = np.zeros(int(sizes.sum()), dtype=bool)
+    for (_, part), first in zip(pieces, np.cumsum(sizes) - sizes, strict=True):
+        shift = int(first) - part.rows.start
+        chosen[part.calibration.start + shift : part.calibration.stop + shift] = bool(part.calibration.stop)
+    return chosen
 
 
 def _repeated(words: list[str], of_piece: IntArray) -> pa.Array:

@@ -1,6 +1,6 @@
 """Every artefact's columns, once: name, type, unit, meaning. Schemas and data dictionary derive from it."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final, Literal
 
 from highd_lc.vocab import names
@@ -56,6 +56,11 @@ def _number(name: str, meaning: str, unit: str = "", *, nullable: bool = True, *
     return Column(name, "float64", meaning, unit, nullable, limits.get("minimum"), limits.get("maximum"))
 
 
+def _single(name: str, meaning: str, unit: str) -> Column:
+    """Half the width, for the large table: HighD's speeds and accelerations are rounded to 0.01."""
+    return Column(name, "float32", meaning, unit)
+
+
 def _count(name: str, meaning: str, unit: str = "", *, nullable: bool = False) -> Column:
     return Column(name, "int64", meaning, unit, nullable, minimum=0)
 
@@ -75,21 +80,21 @@ TRACKS = Table(
     "vehicle and frame",
     ("vehicle_id", "frame"),
     (
-        _RECORDING,
-        _VEHICLE,
-        Column("frame", "int64", "frame of the recording, 1 = first", minimum=1),
+        replace(_RECORDING, kind="int32"),
+        replace(_VEHICLE, kind="int32"),
+        Column("frame", "int32", "frame of the recording, 1 = first", minimum=1),
         _number("t", "time since the recording's frame 1", "s", nullable=False, minimum=0),
         _number("x", "box centre, forward from the entry end of the section", "m", nullable=False),
         _number("y", "box centre, left from the carriageway's right edge", "m", nullable=False),
-        _number("vx", "forward speed", "m/s", nullable=False),
-        _number("vy", "lateral speed, left positive", "m/s", nullable=False),
-        _number("ax", "forward acceleration", "m/s²", nullable=False),
-        _number("ay", "lateral acceleration, left positive", "m/s²", nullable=False),
+        _single("vx", "forward speed", "m/s"),
+        _single("vy", "lateral speed, left positive", "m/s"),
+        _single("ax", "forward acceleration", "m/s²"),
+        _single("ay", "lateral acceleration, left positive", "m/s²"),
         _number("length", "length of the vehicle's box", "m", nullable=False, minimum=0),
         _number("width", "width of the vehicle's box", "m", nullable=False, minimum=0),
-        Column("lane", "int64", "1 = rightmost of its carriageway; null outside the markings", "", True, 1),
-        Column("leader_id", "int64", "vehicle ahead on the same lane; null = none", "", True, 1),
-        Column("follower_id", "int64", "vehicle behind on the same lane; null = none", "", True, 1),
+        Column("lane", "int32", "1 = rightmost of its carriageway; null outside the markings", "", True, 1),
+        Column("leader_id", "int32", "vehicle ahead on the same lane; null = none", "", True, 1),
+        Column("follower_id", "int32", "vehicle behind on the same lane; null = none", "", True, 1),
     ),
 )
 
