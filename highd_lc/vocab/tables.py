@@ -1,73 +1,16 @@
 """Every artefact's columns, once: name, type, unit, meaning. Schemas and data dictionary derive from it."""
 
-from dataclasses import dataclass, replace
-from typing import Final, Literal
+from typing import Final
 
 from highd_lc.vocab import names
+from highd_lc.vocab.columns import Column, Table
+from highd_lc.vocab.columns import count as _count
+from highd_lc.vocab.columns import number as _number
+from highd_lc.vocab.columns import word as _word
 from highd_lc.vocab.lcm_parameters import PARAMETERS, UNITS
+from highd_lc.vocab.scenario_tables import SCENARIO_TABLES
 
 SCHEMA_VERSION: Final = 1
-
-Kind = Literal[
-    "int64",
-    "int32",
-    "float64",
-    "float32",
-    "string",
-    "bool",
-    "list<int64>",
-    "list<string>",
-    "list<float64>",
-    "map<string,float64>",
-    "map<string,int64>",
-]
-
-
-@dataclass(frozen=True)
-class Column:
-    """A column: its type, unit, meaning, and what its values may be. NaN counts as null in float columns."""
-
-    name: str
-    kind: Kind
-    meaning: str
-    unit: str = ""
-    nullable: bool = False
-    minimum: float | None = None
-    maximum: float | None = None
-    allowed: tuple[str, ...] = ()
-
-
-@dataclass(frozen=True)
-class Table:
-    """An artefact: what a row is, which columns order it, and its columns."""
-
-    name: str
-    row: str
-    order: tuple[str, ...]
-    columns: tuple[Column, ...]
-
-    @property
-    def column_names(self) -> tuple[str, ...]:
-        """The columns' names in order."""
-        return tuple(column.name for column in self.columns)
-
-
-def _number(name: str, meaning: str, unit: str = "", *, nullable: bool = True, **limits: float) -> Column:
-    return Column(name, "float64", meaning, unit, nullable, limits.get("minimum"), limits.get("maximum"))
-
-
-def _single(name: str, meaning: str, unit: str) -> Column:
-    """Half the width, for the large table: HighD's speeds and accelerations are rounded to 0.01."""
-    return Column(name, "float32", meaning, unit)
-
-
-def _count(name: str, meaning: str, unit: str = "", *, nullable: bool = False) -> Column:
-    return Column(name, "int64", meaning, unit, nullable, minimum=0)
-
-
-def _word(name: str, meaning: str, allowed: tuple[str, ...] = ()) -> Column:
-    return Column(name, "string", meaning, allowed=allowed)
-
 
 _RECORDING = Column("recording_id", "int64", "number in the recording's file name", minimum=0)
 _EVENT = _word("event_id", "RR-VVVV-FFFFF: recording, ego, crossing frame")
@@ -80,21 +23,21 @@ TRACKS = Table(
     "vehicle and frame",
     ("vehicle_id", "frame"),
     (
-        replace(_RECORDING, kind="int32"),
-        replace(_VEHICLE, kind="int32"),
-        Column("frame", "int32", "frame of the recording, 1 = first", minimum=1),
+        _RECORDING,
+        _VEHICLE,
+        Column("frame", "int64", "frame of the recording, 1 = first", minimum=1),
         _number("t", "time since the recording's frame 1", "s", nullable=False, minimum=0),
         _number("x", "box centre, forward from the entry end of the section", "m", nullable=False),
         _number("y", "box centre, left from the carriageway's right edge", "m", nullable=False),
-        _single("vx", "forward speed", "m/s"),
-        _single("vy", "lateral speed, left positive", "m/s"),
-        _single("ax", "forward acceleration", "m/s²"),
-        _single("ay", "lateral acceleration, left positive", "m/s²"),
+        _number("vx", "forward speed", "m/s", nullable=False),
+        _number("vy", "lateral speed, left positive", "m/s", nullable=False),
+        _number("ax", "forward acceleration", "m/s²", nullable=False),
+        _number("ay", "lateral acceleration, left positive", "m/s²", nullable=False),
         _number("length", "length of the vehicle's box", "m", nullable=False, minimum=0),
         _number("width", "width of the vehicle's box", "m", nullable=False, minimum=0),
-        Column("lane", "int32", "1 = rightmost of its carriageway; null outside the markings", "", True, 1),
-        Column("leader_id", "int32", "vehicle ahead on the same lane; null = none", "", True, 1),
-        Column("follower_id", "int32", "vehicle behind on the same lane; null = none", "", True, 1),
+        Column("lane", "int64", "1 = rightmost of its carriageway; null outside the markings", "", True, 1),
+        Column("leader_id", "int64", "vehicle ahead on the same lane; null = none", "", True, 1),
+        Column("follower_id", "int64", "vehicle behind on the same lane; null = none", "", True, 1),
     ),
 )
 
@@ -438,5 +381,6 @@ TABLES: Final = {
         SUMMARY_LCM,
         SUMMARY_LOSSES,
         EVENT_PAGES,
+        *SCENARIO_TABLES,
     )
 }

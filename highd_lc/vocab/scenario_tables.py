@@ -1,0 +1,223 @@
+"""Tables that ``highd-lc scenarios`` writes: cells, ledger, claims, arithmetic, space-time figures, waves."""
+
+from typing import Final
+
+from highd_lc.vocab import names
+from highd_lc.vocab.columns import Column, Table, count, number, word
+
+_SCENARIO = word("scenario", "1, 2_15, 2_20 (scenario 2 with the AV at 15 or 20 m/s), 3")
+_POLICY = word("policy", "benchmark or local_optimum", names.POLICIES)
+_CELL = (
+    _SCENARIO,
+    word("variant", "name of the changed option, default = none"),
+    word("form", "end speed of the plan", names.FORMS),
+    word("accounting", "over which time each side is charged", names.ACCOUNTINGS),
+    number("omega_av", "weight of the AV in the objective", nullable=False, minimum=0, maximum=1),
+)
+_OPTIONS = (
+    word("gap_reading", "what the printed distance between AV and HV_1 is", ("centres", "bumpers")),
+    number("spacing_m", "spacing of the platoon before the lane change, front to front", "m", nullable=False),
+    word("pre_phase", "platoon held at its speed until the lane change, or driving by LCM", ("hold", "lcm")),
+    word("aggregation", "followers' losses summed or weighted", ("sum", "weighted")),
+    word("reference", "what a speed is compared with", ("desired", "one-sided", "own")),
+    number("v_ref_av", "reference speed of the AV", "m/s", nullable=False),
+    number("v_desire", "desired speed of the followers", "m/s", nullable=False),
+    number("horizon_s", "H", "s", nullable=False),
+    word("leader_from", "from when HV_1 follows the AV", ("start", "crossing")),
+    word("ellipse", "semi-axes of the safety ellipses", ("circumscribed", "paper")),
+    count("planned_followers", "followers that the plan and the loss know"),
+)
+_OUTCOME = (
+    word("status", "of the plan", names.PLAN_STATUSES),
+    number("T", "duration of the manoeuvre", "s"),
+    number("x_final", "forward distance", "m"),
+    number("v_end", "end speed", "m/s"),
+    number("loss_av", "loss of the AV"),
+    number("av_comfort", "its comfort, normalised"),
+    number("av_efficiency", "its efficiency, normalised"),
+    number("loss_hv", "loss of the followers"),
+    number("hv_comfort", "their comfort, normalised"),
+    number("hv_efficiency", "their efficiency, normalised"),
+    number("loss_total", "loss_av + loss_hv"),
+    number("av_v_max", "highest speed of the AV", "m/s"),
+    number("av_v_end", "its speed after the manoeuvre", "m/s"),
+    number("hv1_v_min", "lowest speed of HV_1", "m/s"),
+    number("min_gap_m", "smallest gap of a pair on the target lane, HV_1 behind the AV from t_start", "m"),
+    number("min_time_headway_s", "smallest time headway of HV_1 behind the AV", "s"),
+    number("ttt_difference_s", "total travel time over the section minus that without lane change", "s"),
+    number("flow_veh_h", "Edie's flow in the rectangle", "veh/h"),
+    number("speed_km_h", "Edie's speed in the rectangle", "km/h"),
+    number("density_veh_km", "Edie's density in the rectangle", "veh/km"),
+)
+
+CELLS = Table(
+    "scenario_cells",
+    "scenario, variant, form, accounting and weight of the AV",
+    ("scenario", "variant", "form", "accounting", "omega_av"),
+    (*_CELL, *_OPTIONS, *_OUTCOME),
+)
+SWEEP = Table(
+    "scenario_sweep", "combination of the named options (all of them)", CELLS.order, (*_CELL, *_OPTIONS, *_OUTCOME)
+)
+
+LEDGER = Table(
+    "ledger",
+    "published number",
+    ("key",),
+    (
+        word("key", "scenario, policy and quantity"),
+        _SCENARIO,
+        _POLICY,
+        word("quantity", "what is measured"),
+        word("unit", "its unit, empty = none"),
+        number("published", "as printed", nullable=False),
+        number("ours", "under the default options"),
+        number("ratio", "ours over published"),
+        number("paper_literal", "under the printed conventions"),
+        *(number(accounting, f"under the accounting {accounting}") for accounting in names.ACCOUNTINGS),
+        number("nearest", "of all cells the value nearest to the printed one"),
+        word("nearest_cell", "that cell: variant, form, accounting"),
+        word("verdict", "reproduced, near, not reproduced, not computable"),
+        word("note", "what the reader must know"),
+    ),
+)
+
+CLAIMS = Table(
+    "claims",
+    "claim of the paper and scenario",
+    ("claim", "scenario"),
+    (
+        word("claim", "short name"),
+        _SCENARIO,
+        word("statement", "the direction of change that the paper states"),
+        word("printed", "the printed numbers behind it"),
+        number("change_default", "our change from benchmark to local optimum under the default options"),
+        word("default_verdict", "holds, fails, no change, no plan"),
+        count("cells", "cells with both plans"),
+        count("holds", "cells in which the claim holds"),
+        count("fails", "cells in which the opposite happens"),
+        count("unchanged", "cells in which both plans are the same"),
+        word("holds_under", "options under which it holds"),
+        word("fails_under", "options under which it fails or nothing changes"),
+    ),
+)
+
+ARITHMETIC = Table(
+    "arithmetic",
+    "statement about the paper's own numbers",
+    ("key",),
+    (
+        word("key", "short name"),
+        word("statement", "what is compared"),
+        word("computation", "the line of computation"),
+        number("printed", "as printed"),
+        number("computed", "as computed from the other printed numbers"),
+        word("unit", "unit of both"),
+        word("verdict", "consistent or inconsistent"),
+    ),
+)
+
+RECTANGLE = Table(
+    "rectangle",
+    "scenario, policy, follower",
+    ("scenario", "policy", "follower"),
+    (
+        _SCENARIO,
+        _POLICY,
+        count("follower", "rank behind the AV, 1 = nearest"),
+        number("time_s", "time spent in the rectangle", "s"),
+        number("distance_m", "distance driven in it", "m"),
+        number("published_time_s", "Table 1 of the paper", "s"),
+        number("published_distance_m", "Table 1 of the paper", "m"),
+    ),
+)
+
+TRAFFIC_STATE = Table(
+    "traffic_state",
+    "scenario, policy and measure (Table 2)",
+    ("scenario", "policy", "measure"),
+    (
+        _SCENARIO,
+        _POLICY,
+        word("measure", "flow, speed, density", ("flow", "speed", "density")),
+        word("unit", "its unit"),
+        number("published", "Table 2 of the paper"),
+        number("from_table_1", "Edie applied to the printed totals of Table 1"),
+        number("ours", "Edie applied to our trajectories, clipped exactly"),
+    ),
+)
+
+WAVES = Table(
+    "waves",
+    "scenario and policy, or event of a recording",
+    ("scenario", "policy"),
+    (
+        word("scenario", "scenario, or event id of a recording"),
+        word("policy", "who planned the motion, or recorded"),
+        number("speed_mps", "speed of the shock wave along the road, negative = upstream", "m/s"),
+        number("low_mps", "lower end of its interval", "m/s"),
+        number("high_mps", "upper end of its interval", "m/s"),
+        count("pairs", "pairs of positions that were correlated"),
+        number("correlation", "mean correlation at the best lag"),
+        word("status", "estimated, or why not"),
+    ),
+)
+
+GROWTH = Table(
+    "growth",
+    "drivers, scenario, policy and follower",
+    ("drivers", "scenario", "policy", "follower"),
+    (
+        word("drivers", "whose LCM parameters the platoon has"),
+        _SCENARIO,
+        word("policy", "benchmark, local_optimum, no_lane_change", names.POLICIES),
+        count("follower", "rank behind the AV"),
+        number("dip_mps", "largest drop below the speed without lane change", "m/s"),
+        number("delay_s", "delay against no lane change at the end of the run", "s"),
+    ),
+)
+
+STRING_STABILITY = Table(
+    "string_stability",
+    "drivers and speed",
+    ("drivers", "speed_mps"),
+    (
+        word("drivers", "whose LCM parameters"),
+        number("speed_mps", "equilibrium speed", "m/s", nullable=False),
+        number("spacing_m", "equilibrium spacing", "m"),
+        number("gain", "largest amplification of a speed oscillation from leader to follower"),
+        number("frequency_hz", "frequency of that amplification, 0 = none amplified", "Hz"),
+        Column("stable", "bool", "whether no frequency is amplified"),
+    ),
+)
+
+TRACKED = Table(
+    "scenario_tracking",
+    "policy and plant",
+    ("policy", "plant"),
+    (
+        _POLICY,
+        word("plant", "planned, kinematic, multi_body"),
+        word("status", "of the closed loop"),
+        number("max_lateral_m", "largest lateral error", "m"),
+        number("max_longitudinal_m", "largest longitudinal error", "m"),
+        number("loss_av", "loss of the AV over 0..T, by finite differences"),
+        number("loss_hv", "loss of the followers behind it over 0..H"),
+        number("loss_total", "their sum"),
+        number("hv1_v_min", "lowest speed of HV_1", "m/s"),
+    ),
+)
+
+SCENARIO_TABLES: Final = (
+    CELLS,
+    SWEEP,
+    LEDGER,
+    CLAIMS,
+    ARITHMETIC,
+    RECTANGLE,
+    TRAFFIC_STATE,
+    WAVES,
+    GROWTH,
+    STRING_STABILITY,
+    TRACKED,
+)
