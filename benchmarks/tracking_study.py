@@ -47,8 +47,9 @@ INTRODUCTION = """# Tracking: what was chosen, and how far it carries
 Written by `python benchmarks/tracking_study.py`; every number below comes from that run.
 
 The MPC follows equations 20 to 24 with the paper's N_p = 6, N_c = 4; R, Q and rho are not printed there. The
-heading error is weighed as the lateral speed v_r (phi - phi_r) that it stands for: a constant weight that keeps the
-multi-body car calm at 35 m/s leaves an offset at 10 m/s standing for seconds.
+heading error is weighed as the lateral speed v_r (phi - phi_r) that it stands for: a constant weight that keeps
+the multi-body car calm at 35 m/s leaves an offset at 10 m/s standing for seconds.
+
 *Nominal* plans: at 10, 25 and 35 m/s a usual lane change (5.5 s), a brisk one (4 s), one at the jerk limit (3 s)
 and one that slows down by 3 m/s (5.5 s); 3.5 m to either side. Disturbances are judged on six usual plans of 6 s.
 The bicycle has the multi-body car's wheelbase, {wheelbase} m. A controller *copes* when no plan ends lost (more

@@ -7,8 +7,9 @@ Augmented state xi = [psi error (3); previous input error (2)]; decision z = [N_
     J = sum ||E_i||_R^2 + sum ||dU_i||_Q^2 + rho eps^2,
 
 where F is the free response to xi. R = diag(R_x, R_y, R_phi v_r^2): the heading is weighed as the lateral speed
-that it stands for, v_r (phi - phi_r), so that an offset decays alike at every speed. Bounds on the input and on its increment are given in absolute terms and
-moved by the reference's own input and increment; eps softens them, one unit by ``softening``.
+that it stands for, v_r (phi - phi_r), so that an offset decays alike at every speed. Bounds on the input and on
+its increment are given in absolute terms and moved by the reference's own input and increment; eps softens them,
+one unit by ``softening``.
 
 Compiled functions take a reference as rows [x, y, phi, v, delta], one a sample. Units: m, rad, m/s, s.
 """

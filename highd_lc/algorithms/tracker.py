@@ -6,7 +6,6 @@ integrate. An unsolved QP holds the last input and is counted.
 """
 
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 from numba import njit
@@ -124,40 +123,48 @@ def track(
     wheelbase [m] of the car; the reference's dt [s] is the control interval. Never raises for what the reference
     holds: a plan outside the car's ability, or one with numbers that are not finite, ends in a status.
     """
+    p = mpc_parameters(settings, reference.dt)
+    given = disturbance or Disturbance()
+    return _track(reference, wheelbase, given, settings=settings, p=p, memory=new_memory(p))
+
+
+def track_many(
+    references: Sequence[Reference], *, wheelbases: Sequence[float], settings: TrackingSettings
+) -> list[TrackingResult]:
+    """``track`` for each reference with its wheelbase [m], in the same order; all have the same dt.
+
+    The plans share one controller's memory, which every step overwrites; the compiled part runs without the
+    interpreter's lock.
+    """
+    if len(references) != len(wheelbases):
+        raise ShapeError(f"{len(wheelbases)} wheelbases for {len(references)} references")
+    if len({reference.dt for reference in references}) > 1:
+        raise ShapeError(f"the references have intervals of {sorted({r.dt for r in references})} s; one is needed")
+    if not references:
+        return []
+    p, nothing = mpc_parameters(settings, references[0].dt), Disturbance()
+    memory = new_memory(p)
+    return [
+        _track(reference, wheelbase, nothing, settings=settings, p=p, memory=memory)
+        for reference, wheelbase in zip(references, wheelbases, strict=True)
+    ]
+
+
+def _track(
+    reference: Reference,
+    wheelbase: float,
+    disturbance: Disturbance,
+    *,
+    settings: TrackingSettings,
+    p: MpcParameters,
+    memory: MpcMemory,
+) -> TrackingResult:
     check_daqp()
     rows = reference_rows(reference, wheelbase, settings.horizon)
     if not np.all(np.isfinite(rows)):
         return invalid_result(reference)
-    given = disturbance or Disturbance()
-    p = mpc_parameters(settings, reference.dt)
     log = new_log(reference.n_steps)
-    drive_mpc(
-        rows,
-        (wheelbase, wheelbase * given.wheelbase_factor),
-        np.array(given.offset),
-        noise_rows(given, reference.n_steps),
-        p,
-        new_memory(p),
-        log,
-    )
+    noise = noise_rows(disturbance, reference.n_steps)
+    wheelbases = (wheelbase, wheelbase * disturbance.wheelbase_factor)
+    drive_mpc(rows, wheelbases, np.array(disturbance.offset), noise, p, memory, log)
     return summarise(log, bicycle_velocity(log), rows=rows, dt=reference.dt, settings=settings)
-
-
-def track_many(
-    references: Sequence[Reference],
-    *,
-    wheelbases: Sequence[float],
-    settings: TrackingSettings,
-    threads: int = 1,
-) -> list[TrackingResult]:
-    """``track`` for each reference with its wheelbase [m], on that many threads; results in the same order."""
-    if len(references) != len(wheelbases):
-        raise ShapeError(f"{len(wheelbases)} wheelbases for {len(references)} references")
-
-    def one(i: int) -> TrackingResult:
-        return track(references[i], wheelbase=wheelbases[i], settings=settings)
-
-    if threads == 1:
-        return [one(i) for i in range(len(references))]
-    with ThreadPoolExecutor(threads) as pool:
-        return list(pool.map(one, range(len(references))))

@@ -146,16 +146,17 @@ def test_standstill_is_driven():
     assert result.max_lateral_m == 0.0
 
 
-def test_many_plans_equal_single_plans_for_any_number_of_threads():
+def test_many_plans_equal_single_plans():
     plans = [quintic_reference(v, 3.5, T) for v in (12.0, 30.0) for T in (3.2, 6.0)]
     bases = [2.4, 2.7, 3.0, 6.0]
     alone = [drive(plan, wheelbase) for plan, wheelbase in zip(plans, bases, strict=True)]
-    for threads in (1, 2):
-        for one, many in zip(
-            alone, track_many(plans, wheelbases=bases, settings=SETTINGS, threads=threads), strict=True
-        ):
-            np.testing.assert_array_equal(one.states, many.states)
-            np.testing.assert_array_equal(one.inputs, many.inputs)
+    together = track_many(plans, wheelbases=bases, settings=SETTINGS)
+    backwards = track_many(plans[::-1], wheelbases=bases[::-1], settings=SETTINGS)[::-1]
+    for one, many, other in zip(alone, together, backwards, strict=True):
+        for result in (many, other):
+            np.testing.assert_array_equal(one.states, result.states)
+            np.testing.assert_array_equal(one.inputs, result.inputs)
+    assert track_many([], wheelbases=[], settings=SETTINGS) == []
 
 
 def test_shapes_that_do_not_fit_are_named():
@@ -166,3 +167,6 @@ def test_shapes_that_do_not_fit_are_named():
         drive(good, noise=np.zeros((3, 3)))
     with pytest.raises(ShapeError, match="1 wheelbases for 2 references"):
         track_many([good, good], wheelbases=[2.7], settings=SETTINGS)
+    finer = quintic_reference(25.0, 3.5, 4.0, dt=0.05)
+    with pytest.raises(ShapeError, match="one is needed"):
+        track_many([good, finer], wheelbases=[2.7, 2.7], settings=SETTINGS)
