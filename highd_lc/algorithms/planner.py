@@ -155,7 +155,9 @@ def reference_plans(problem: PlanningProblem, policy: str) -> list[Plan]:
         quintic = Quintic(v0=v0, D=problem.scene.lateral_shift, T=CONSTANT_T, x_final=v0 * CONSTANT_T, v_end=v0)
         played = replay(plan_motion(quintic, problem.packed), problem.packed)
     elif policy == names.HUMAN:
-        played = replay(human_motion(problem.scene.human, problem.packed), problem.packed)
+        # The recorded path is that of the box centre: nothing to move for the clearances.
+        centred = problem.packed._replace(rear_to_centre=0.0)
+        played = replay(human_motion(problem.scene.human, centred), centred)
     else:
         played = stay(problem)
     return [
