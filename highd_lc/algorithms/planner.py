@@ -149,7 +149,7 @@ def _best_plan(
 
 def reference_plans(problem: PlanningProblem, policy: str) -> list[Plan]:
     """A reference policy under every accounting: never rejected, its violations show as negative margins."""
-    quintic = None
+    quintic, motion = None, {}
     if policy == names.CONSTANT:
         v0 = problem.scene.v0
         quintic = Quintic(v0=v0, D=problem.scene.lateral_shift, T=CONSTANT_T, x_final=v0 * CONSTANT_T, v_end=v0)
@@ -158,6 +158,7 @@ def reference_plans(problem: PlanningProblem, policy: str) -> list[Plan]:
         # The recorded path is that of the box centre: nothing to move for the clearances.
         centred = problem.packed._replace(rear_to_centre=0.0)
         played = replay(human_motion(problem.scene.human, centred), centred)
+        motion = human_margins(problem)
     else:
         played = stay(problem)
     return [
@@ -167,7 +168,7 @@ def reference_plans(problem: PlanningProblem, policy: str) -> list[Plan]:
             names.REFERENCE,
             quintic,
             played,
-            margins=plan_margins(problem, quintic, played, accounting),
+            margins=motion | plan_margins(problem, quintic, played, accounting),
         )
         for accounting in names.ACCOUNTINGS
     ]
@@ -242,16 +243,26 @@ def clearance_margins(problem: PlanningProblem, played: Replay, accounting: str)
 def plan_margins(
     problem: PlanningProblem, quintic: Quintic | None, played: Replay, accounting: str
 ) -> dict[str, float]:
-    """Margin of every constraint; of the sampled motion where there is no quintic."""
+    """Margin of every constraint; of the clearances alone where there is no quintic."""
     clearance = clearance_margins(problem, played, accounting)
     if quintic is not None:
         return dynamics.margins(quintic, problem.limit) | clearance
-    av, last, limit = played.av, played.av.n + 1, problem.limit
-    speed = np.hypot(av.vx[:last], av.vy[:last])
-    return {
-        "speed": float(min(speed.min() - limit.v_min, limit.v_max - speed.max())),
-        "acceleration_x": float(limit.acceleration - np.abs(av.ax[:last]).max()),
-    } | clearance
+    return clearance
+
+
+def human_margins(problem: PlanningProblem) -> dict[str, float]:
+    """How far the recorded, smoothed motion stays inside each dynamic limit, at its samples."""
+    human, limit = problem.scene.human, problem.limit
+    speed = np.hypot(human.vx, human.vy)
+    found = {"speed": float(min(speed.min() - limit.v_min, limit.v_max - speed.max()))}
+    for name, values, bound in (
+        ("acceleration_x", human.ax, limit.acceleration),
+        ("acceleration_y", human.ay, limit.acceleration),
+        ("jerk_x", human.jx, limit.jerk),
+        ("jerk_y", human.jy, limit.jerk),
+    ):
+        found[name] = float(bound - np.abs(values).max())
+    return found
 
 
 def closest_margins(problem: PlanningProblem, pool: Pool, accounting: str) -> dict[str, float]:
