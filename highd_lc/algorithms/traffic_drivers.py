@@ -12,6 +12,7 @@ from scipy.special import ndtri
 from highd_lc.algorithms.traffic_state import MAX_CHANGES, VEHICLE, BoolArray, Drivers, FloatArray, Records
 
 SINES = 4
+# Numbers that a vehicle takes: 15 of one kind each, and those of its lane changes and sines.
 _COLUMNS = 15 + 3 * MAX_CHANGES + (MAX_CHANGES + 1) + 6 * SINES
 
 # Spread around the published Table 3: (median, spread of its logarithm), the LCM's parameters but v_desire.
@@ -49,6 +50,8 @@ class _Uniforms:
     def take(self, n: int = 1) -> FloatArray:
         """The next n columns, shape (rows, n); one column has shape (rows,)."""
         columns = self._numbers[:, self._next : self._next + n]
+        if columns.shape[1] < n:
+            raise IndexError(f"only {_COLUMNS} numbers are drawn for a vehicle")
         self._next += n
         return columns[:, 0] if n == 1 else columns
 
@@ -89,6 +92,7 @@ def _draw_lane(rng: np.random.Generator, inflow: Inflow, lane: int, *, lanes: in
         **_manners(draws, truck, inflow.return_share),
         "sway": _sines(draws, 0.3, 1.2),
         "error": np.stack([_sines(draws, 1.0, 4.0), _sines(draws, 1.0, 4.0)], axis=1),
+        "depth": 0.2 + 0.4 * draws.take(),
     }
 
 

@@ -15,7 +15,6 @@ _HARDEST_BRAKING = 3.0  # what a change may demand of the follower or of the dri
 _SMALLEST_GAP = 3.0  # room ahead and behind at the start of a change [m] ...
 _SMALLEST_TIME_GAP = 0.2  # ... and more with speed [s]
 _KEEP_RIGHT = 0.1  # bonus of the right lane, malus of the left [m/s^2]
-_BREAK_OFF_DEPTH = 0.35  # how far past the marking a change is broken off [m]
 _RETURN_SECONDS = 5.0
 _LATERAL_THRESHOLD = 0.1  # lateral speed between whose passings a duration is meant [m/s]
 
@@ -138,7 +137,7 @@ def break_off(traffic: Traffic, road: Road, vehicle: int, time: float) -> None:
     me = traffic.vehicles[vehicle]
     origin, target = me.origin, me.target
     past = abs(me.y - road.markings[max(origin, target)])
-    if past < _BREAK_OFF_DEPTH or not may_return(traffic, vehicle):
+    if past < me.depth or not may_return(traffic, vehicle):
         return
     me.kind = BROKEN_OFF
     end_path(traffic, vehicle, time)

@@ -26,10 +26,11 @@ KEPT, BROKEN_OFF, RETURN = 0, 1, 2
 VEHICLE = np.dtype(
     [
         # Drawn once. L is meant for a leader of REFERENCE_LENGTH. gain: what a change must bring [m/s^2];
-        # look_every: how often one is considered [s]; per change: duration with lateral speed above 0.1 m/s,
-        # pause until the next [s], breaks_off; offset: place in the lane before each and after the last [m].
+        # look_every: how often one is considered [s]; depth: how far past the marking one is broken off [m];
+        # per change: duration with lateral speed above 0.1 m/s, pause until the next [s], breaks_off; offset:
+        # place in the lane before each and after the last [m].
         *((name, "f8") for name in ("v_desire", "A", "b", "B", "tau", "L")),
-        *((name, "f8") for name in ("length", "width", "arrival", "gain", "look_every")),
+        *((name, "f8") for name in ("length", "width", "arrival", "gain", "look_every", "depth")),
         *((name, "i8") for name in ("truck", "highest_lane")),
         *((name, "f8", (MAX_CHANGES,)) for name in ("duration", "pause")),
         ("breaks_off", "i8", (MAX_CHANGES,)),

@@ -17,7 +17,7 @@ SECONDS = 120.0
 @pytest.fixture(scope="module")
 def made(tmp_path_factory) -> SimpleNamespace:
     folder = tmp_path_factory.mktemp("truth")
-    settings = FAULTLESS.model_copy(update={"lane_change_rate": 2.0, "return_share": 0.15})
+    settings = FAULTLESS.model_copy(update={"lane_change_rate": 2.0, "return_share": 0.3})
     write_recording(folder, 1, SECONDS, 2, settings=settings)
     names = ("tracks", "tracksMeta", "truth", "truth_drivers")
     read = {name: pd.read_csv(folder / f"01_{name}.csv") for name in names}
