@@ -50,30 +50,41 @@ class Options:
 
 @dataclass
 class Outcome:
-    """What a run did: problems to list, counts by stage, seconds by stage."""
+    """What a run did: problems to list, counts by stage."""
 
     problems: list[Problem] = field(default_factory=list)
     counts: dict[str, dict[str, int]] = field(default_factory=dict)
-    seconds: dict[str, float] = field(default_factory=dict)
 
 
 def run(settings: Settings, options: Options, *, last: str, console: Console) -> Outcome:
     """Run the pipeline's stages up to ``last``. Raises InputError if no recording is usable."""
-    options.work.mkdir(parents=True, exist_ok=True)
-    workspace.write_text(options.work / "settings.json", resolved(settings))
-    data = options.data or _synthesize(settings, options.work, console)
-    recordings = highd.discover(data)
-    hashes = workspace.InputHashes.open(options.work, verify=options.verify)
-    keys = {r: digest(*(hashes.of(p) for p in highd.input_files(data, r))) for r in recordings}
-    hashes.save()
+    with workspace.lock(options.work):
+        workspace.write_text(options.work / "settings.json", resolved(settings))
+        data = options.data or _synthesize(settings, options.work, console)
+        return _run_stages(settings, options, data, last=last, console=console)
+
+
+def _run_stages(settings: Settings, options: Options, data: Path, *, last: str, console: Console) -> Outcome:
+    keys = _input_keys(data, options)
+    workspace.drop_other_tracks(options.work, keys)
     outcome = Outcome()
-    stages = [stage for stage in settings.stages if STAGES.index(stage) <= STAGES.index(last)]
-    with _executor(options, len(recordings)) as executor:
-        for stage in stages:
+    with _executor(options, len(keys)) as executor:
+        for stage in settings.stages[: settings.stages.index(last) + 1]:
             started = time.perf_counter()
             keys = _run_stage(_Stage(stage, settings, options, data, keys), executor, outcome, console)
-            outcome.seconds[stage] = time.perf_counter() - started
+            seconds = time.perf_counter() - started
+            entry = {"stage": stage, "seconds": round(seconds, 3), "counts": outcome.counts[stage]}
+            workspace.append_log(options.work, entry)
     return outcome
+
+
+def _input_keys(data: Path, options: Options) -> dict[int, str]:
+    """A hash of each recording's input files."""
+    hashes = workspace.InputHashes.open(options.work, verify=options.verify)
+    recordings = highd.discover(data)
+    keys = {r: digest(*(hashes.of(path) for path in highd.input_files(data, r))) for r in recordings}
+    hashes.save()
+    return keys
 
 
 def _synthesize(settings: Settings, work: Path, console: Console) -> Path:

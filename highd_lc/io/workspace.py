@@ -1,14 +1,19 @@
 """The book-keeping of a work folder: which parts are finished, and from what they were made."""
 
+import fcntl
 import hashlib
 import json
 import os
+import shutil
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from functools import cache
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
+from highd_lc.vocab.errors import UsageError
 from highd_lc.vocab.job import JobReport, Problem
 
 
@@ -43,6 +48,35 @@ def read_json(path: Path) -> dict[str, Any]:
     except (OSError, ValueError):
         return {}
     return found if isinstance(found, dict) else {}
+
+
+@contextmanager
+def lock(work: Path) -> Iterator[None]:
+    """Keep other runs out of a work folder. Raises UsageError if one is in it.
+
+    The kernel releases the lock with the process, however that ends: a crash leaves none behind.
+    """
+    work.mkdir(parents=True, exist_ok=True)
+    with (work / "lock").open("w") as handle:
+        try:
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError as error:
+            raise UsageError(f"{work}: another run is using this work folder") from error
+        yield
+
+
+def drop_other_tracks(work: Path, recordings: Iterable[int]) -> None:
+    """Remove the tracks of recordings that are no longer among the inputs."""
+    kept = {f"recording={recording:02d}" for recording in recordings}
+    for folder in (work / "tracks").glob("recording=*"):
+        if folder.name not in kept:
+            shutil.rmtree(folder)
+
+
+def append_log(work: Path, entry: dict[str, Any]) -> None:
+    """Add a line to the run's log: wall times live here, so that artefacts are the same from run to run."""
+    with (work / "run.log").open("a", encoding="utf-8") as sink:
+        sink.write(json.dumps(entry, sort_keys=True) + "\n")
 
 
 @dataclass(frozen=True)
