@@ -69,7 +69,7 @@ def _run_stages(settings: Settings, options: Options, data: Path, *, last: str, 
     workspace.drop_other_tracks(options.work, keys)
     outcome = Outcome()
     with _executor(options, len(keys)) as executor:
-        for stage in settings.stages[: settings.stages.index(last) + 1]:
+        for stage in (s for s in settings.stages if STAGES.index(s) <= STAGES.index(last)):
             started = time.perf_counter()
             keys = _run_stage(_Stage(stage, settings, options, data, keys), executor, outcome, console)
             seconds = time.perf_counter() - started
