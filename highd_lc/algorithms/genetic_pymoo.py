@@ -1,5 +1,6 @@
 """The GA of the library pymoo with the same operators: the reference that the compiled GA is tested against."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -8,6 +9,8 @@ import numpy as np
 from highd_lc.algorithms.genetic import ETA_CROSSOVER, ETA_MUTATION
 from highd_lc.algorithms.optimisation import FloatArray, Optimum
 from highd_lc.core.car_following import FitProblem, objectives_of
+
+Objective = Callable[[FitProblem, FloatArray], FloatArray]
 
 
 @dataclass(frozen=True)
@@ -20,21 +23,11 @@ class PymooGeneticAlgorithm:
     mutation_probability: float = 0.05
 
     def minimise(self, problem: FitProblem, rng: np.random.Generator) -> Optimum:
-        """The best of all generations, the objective compiled and evaluated a population at a time."""
-        # pymoo takes half a second to import: only those who use it pay.
-        from pymoo.optimize import minimize
+        """The best of all generations; the objective is compiled and evaluated a population at a time."""
+        return minimise_with_pymoo(problem, self, rng, lambda p, x: objectives_of(p, x.T))
 
-        result = minimize(
-            _pymoo_problem(problem),
-            self._algorithm(),
-            ("n_gen", self.generations),
-            seed=int(rng.integers(2**31)),
-            copy_algorithm=False,
-        )
-        evaluations = int(result.algorithm.evaluator.n_eval)
-        return Optimum(np.asarray(result.X, dtype=float), float(result.F[0]), evaluations)
-
-    def _algorithm(self) -> Any:
+    def algorithm(self) -> Any:
+        """pymoo's GA with the operators of ``algorithms.genetic``."""
         from pymoo.algorithms.soo.nonconvex.ga import GA
         from pymoo.operators.crossover.sbx import SBX
         from pymoo.operators.mutation.pm import PM
@@ -47,7 +40,25 @@ class PymooGeneticAlgorithm:
         )
 
 
-def _pymoo_problem(problem: FitProblem) -> Any:
+def minimise_with_pymoo(
+    problem: FitProblem, settings: PymooGeneticAlgorithm, rng: np.random.Generator, objective: Objective
+) -> Optimum:
+    """Run pymoo's GA on an objective of candidates (n, 6)."""
+    # pymoo takes half a second to import: only those who use it pay.
+    from pymoo.optimize import minimize
+
+    result = minimize(
+        _pymoo_problem(problem, objective),
+        settings.algorithm(),
+        ("n_gen", settings.generations),
+        seed=int(rng.integers(2**31)),
+        copy_algorithm=False,
+    )
+    evaluations = int(result.algorithm.evaluator.n_eval)
+    return Optimum(np.asarray(result.X, dtype=float), float(result.F[0]), evaluations)
+
+
+def _pymoo_problem(problem: FitProblem, objective: Objective) -> Any:
     from pymoo.core.problem import Problem
 
     class CarFollowingFit(Problem):  # type: ignore[misc]
@@ -55,6 +66,6 @@ def _pymoo_problem(problem: FitProblem) -> Any:
             super().__init__(n_var=6, n_obj=1, xl=problem.lower, xu=problem.upper)
 
         def _evaluate(self, x: FloatArray, out: dict[str, FloatArray], *_: Any, **__: Any) -> None:
-            out["F"] = objectives_of(problem, x.T)[:, None]
+            out["F"] = objective(problem, x)[:, None]
 
     return CarFollowingFit()

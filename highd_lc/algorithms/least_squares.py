@@ -153,12 +153,18 @@ def _solve_free(matrix: FloatArray, right: FloatArray, free: NDArray[np.bool_], 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _bounded_step(
-    problem: FitProblem, equations: FloatArray, damping: float, point: FloatArray, step: FloatArray
+    problem: FitProblem,
+    equations: FloatArray,
+    damping: float,
+    point: FloatArray,
+    pinned: int,
+    step: FloatArray,
 ) -> None:
     """Damped Newton step of one start that stays within the bounds.
 
-    equations: Hessian's lower triangle (21) and gradient (6). Components at a bound that the gradient pushes
-    outward stay; components whose step would leave the bounds stop there and the rest is solved again.
+    equations: Hessian's lower triangle (21) and gradient (6). The pinned component (-1: none) and components at
+    a bound that the gradient pushes outward stay; components whose step would leave the bounds stop there and the
+    rest is solved again.
     """
     matrix, right, free = np.empty((6, 6)), np.empty(6), np.ones(6, np.bool_)
     for i in range(6):
@@ -166,7 +172,7 @@ def _bounded_step(
             matrix[i, j] = matrix[j, i] = equations[i * (i + 1) // 2 + j]
         right[i] = -equations[_GRADIENT + i]
         at_lower, at_upper = point[i] <= problem.lower[i], point[i] >= problem.upper[i]
-        free[i] = not ((at_lower and right[i] <= 0.0) or (at_upper and right[i] >= 0.0))
+        free[i] = i != pinned and not ((at_lower and right[i] <= 0.0) or (at_upper and right[i] >= 0.0))
         step[i] = 0.0
     for i in range(6):
         matrix[i, i] += damping * matrix[i, i] + 1e-30
@@ -183,7 +189,12 @@ def _bounded_step(
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _descend(
-    problem: FitProblem, points: FloatArray, iterations: int, scratch: FloatArray, states: FloatArray
+    problem: FitProblem,
+    points: FloatArray,
+    iterations: int,
+    pinned: int,
+    scratch: FloatArray,
+    states: FloatArray,
 ) -> FloatArray:
     """Improve the starts points (6, n), n <= STARTS, in place; returns their objectives (n,)."""
     n = points.shape[1]
@@ -204,17 +215,34 @@ def _descend(
                     equations[s, row] = normal[row * STARTS + s]
             else:
                 damping[s] = min(damping[s] * _HARDER, _MOST_DAMPING)
-            _bounded_step(problem, equations[s], damping[s], points[:, s], step)
+            _bounded_step(problem, equations[s], damping[s], points[:, s], pinned, step)
             for j in range(6):
                 trial[j, s] = min(max(points[j, s] + step[j], problem.lower[j]), problem.upper[j])
     return best
 
 
-def descend(problem: FitProblem, starts: FloatArray, *, iterations: int) -> tuple[FloatArray, FloatArray]:
+def descend(
+    problem: FitProblem, starts: FloatArray, *, iterations: int, pinned: int | None = None
+) -> tuple[FloatArray, FloatArray]:
     """Levenberg-Marquardt from each start: points (6, n) within the bounds and their objectives (n,).
 
-    starts: shape (6, n), n <= STARTS, within the bounds.
+    starts: shape (6, n), n <= STARTS, within the bounds; pinned: a parameter that keeps each start's value.
     """
     points = np.ascontiguousarray(starts, dtype=float).copy()
     scratch, states = new_scratch(problem.track.shape[1])
-    return points, _descend(problem, points, iterations, scratch, states)
+    return points, _descend(problem, points, iterations, -1 if pinned is None else pinned, scratch, states)
+
+
+def curvature(problem: FitProblem, point: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Gradient (6,) of the objective at a point (6,), and Hessian (6, 6) of its majorant."""
+    trial, candidates = np.ascontiguousarray(point[:, None]), np.ones((6, 7 * STARTS))
+    values, normal = np.empty(7 * STARTS), np.empty(_ROWS * STARTS)
+    scratch, states = new_scratch(problem.track.shape[1])
+    _spread_candidates(problem, 1, trial, candidates)
+    evaluate_tile(problem, candidates, 0, 7 * STARTS, scratch, states, values)
+    _linearise(problem, trial, candidates, scratch, states, normal)
+    rows = normal.reshape(_ROWS, STARTS)[:, 0]
+    hessian = np.empty((6, 6))
+    hessian[np.tril_indices(6)] = rows[:_GRADIENT]
+    hessian.T[np.tril_indices(6)] = rows[:_GRADIENT]
+    return rows[_GRADIENT:_RESIDUAL].copy(), hessian

@@ -6,9 +6,9 @@ from made_followers import NOISE_FREE, NOISY, follower
 from scipy.optimize import approx_fprime, least_squares
 
 from highd_lc.algorithms import least_squares as kernel
-from highd_lc.algorithms.least_squares import STARTS, descend
+from highd_lc.algorithms.least_squares import STARTS, curvature, descend
 from highd_lc.algorithms.screening import Screening, screen
-from highd_lc.core.car_following import LANES, evaluate_tile, fit_problem, new_scratch, objectives_of
+from highd_lc.core.car_following import fit_problem, objectives_of
 from highd_lc.vocab.lcm_parameters import LOWER_BOUNDS, TABLE3_MEANS, UPPER_BOUNDS
 
 LOWER, UPPER = LOWER_BOUNDS.as_array(), UPPER_BOUNDS.as_array()
@@ -24,29 +24,15 @@ def random_starts(seed, n=STARTS):
     return LOWER[:, None] + np.random.default_rng(seed).random((6, n)) * (UPPER - LOWER)[:, None]
 
 
-def normal_equations(problem, points):
-    """Gradient (n, 6) and Hessian (n, 6, 6) of the majorant at points (6, n), as the kernel makes them."""
-    candidates, normal = np.ones((6, 7 * STARTS)), np.empty(kernel._ROWS * STARTS)
-    scratch, states = new_scratch(problem.track.shape[1])
-    n = points.shape[1]
-    kernel._spread_candidates(problem, n, points, candidates)
-    evaluate_tile(problem, candidates, 0, 7 * STARTS, scratch, states, np.empty(LANES))
-    kernel._linearise(problem, points, candidates, scratch, states, normal)
-    rows = normal.reshape(-1, STARTS)[:, :n]
-    hessian = np.empty((n, 6, 6))
-    for place, (i, j) in enumerate(zip(*np.tril_indices(6), strict=True)):
-        hessian[:, i, j] = hessian[:, j, i] = rows[place]
-    return rows[21:27].T, hessian
-
-
 @pytest.mark.parametrize(("open_loop", "delayed"), MODES)
 def test_gradient_of_the_majorant_is_the_objectives(open_loop, delayed):
     problem = problem_of(1, open_loop=open_loop, delayed=delayed)
     strength = np.array([1e-4, 1e-3, 1e-3, 1e-3, 1e-2, 1e-3])
     problem = problem._replace(centre=TABLE3_MEANS.as_array(), strength=strength)
     points = 0.5 * (random_starts(2, 8) + TABLE3_MEANS.as_array()[:, None])
-    found, _ = normal_equations(problem, points)
-    for point, gradient in zip(points.T, found, strict=True):
+    for point in points.T:
+        gradient, hessian = curvature(problem, point)
+        assert (np.linalg.eigvalsh(hessian) > -1e-9 * np.abs(hessian).max()).all()
         expected = approx_fprime(point, lambda p: objectives_of(problem, p[:, None])[0], 1e-7)
         np.testing.assert_allclose(gradient, expected, rtol=2e-3, atol=2e-5 * np.abs(expected).max())
 
@@ -59,7 +45,7 @@ def test_step_stays_in_the_box_and_solves_what_is_free(seed, damping):
     hessian, gradient = root @ root.T + 0.1 * np.eye(6), 30.0 * rng.normal(size=6)
     point = LOWER + np.where(rng.random(6) < 0.3, 0.0, rng.random(6)) * (UPPER - LOWER)
     step, equations = np.empty(6), np.concatenate([hessian[np.tril_indices(6)], gradient])
-    kernel._bounded_step(problem_of(0), equations, damping, point, step)
+    kernel._bounded_step(problem_of(0), equations, damping, point, -1, step)
     target = point + step
     assert (target >= LOWER - 1e-9).all()
     assert (target <= UPPER + 1e-9).all()
@@ -138,3 +124,11 @@ def test_screen_keeps_the_best_of_a_seeded_sequence():
     found = objectives_of(problem, screen(problem, np.random.default_rng(1), count=500, keep=7))
     everything = objectives_of(problem, screen(problem, np.random.default_rng(1), count=500, keep=500))
     np.testing.assert_array_equal(found, np.sort(everything)[:7])
+
+
+@pytest.mark.parametrize("pinned", range(6))
+def test_a_pinned_parameter_keeps_each_starts_value(pinned):
+    problem, starts = problem_of(7), random_starts(8)
+    points, objectives = descend(problem, starts, iterations=10, pinned=pinned)
+    np.testing.assert_array_equal(points[pinned], starts[pinned])
+    assert (objectives < objectives_of(problem, starts)).any()
