@@ -144,7 +144,7 @@ def _status(
     if along > settings.lost_longitudinal_m:
         return LOST, f"longitudinal error {along:.2f} m exceeds {settings.lost_longitudinal_m} m"
     if failures:
-        return QP_FAILED, f"{failures} QPs unsolved, last input held"
+        return QP_FAILED, f"{failures} unsolved QPs, the last input held"
     if slack > settings.slack_tolerance:
         return SOFTENED, f"input bounds softened by up to {slack:.3g}"
     return TRACKED, ""

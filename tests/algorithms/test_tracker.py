@@ -13,6 +13,7 @@ from highd_lc.vocab.errors import ShapeError
 from highd_lc.vocab.tracking import (
     INVALID_REFERENCE,
     LOST,
+    QP_FAILED,
     SOFTENED,
     TRACKED,
     TRACKING_STATUSES,
@@ -170,3 +171,16 @@ def test_shapes_that_do_not_fit_are_named():
     finer = quintic_reference(25.0, 3.5, 4.0, dt=0.05)
     with pytest.raises(ShapeError, match="one is needed"):
         track_many([good, finer], wheelbases=[2.7, 2.7], settings=SETTINGS)
+
+
+def test_an_unsolved_qp_holds_the_last_input_and_is_counted():
+    """One measurement is lost (NaN): that step's QP is not solved, the input is held, the car goes on."""
+    noise = np.zeros((61, 3))
+    noise[20, 1] = np.nan
+    result = drive(quintic_reference(25.0, 3.5, 6.0), noise=noise)
+    assert (result.status, result.qp_failures) == (QP_FAILED, 1)
+    assert "1 unsolved QPs" in result.reason
+    np.testing.assert_array_equal(result.inputs[20], result.inputs[19])
+    assert np.isnan(result.slack[20])
+    assert np.all(np.isfinite(result.states))
+    assert result.max_lateral_m < 0.05
