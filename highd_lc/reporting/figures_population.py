@@ -90,7 +90,8 @@ def gain_distribution(gains: Mapping[str, FloatArray]) -> Figure:
     axes.set_ylabel("share of events with at most that gain [%]", color=QUIET, fontsize=_SIZE)
     axes.set_ylim(0, 100)
     axes.grid(color=LINE, lw=0.5)
-    axes.legend(**_LEGEND)
+    if axes.get_legend_handles_labels()[0]:
+        axes.legend(**_LEGEND)
     return figure
 
 

@@ -7,7 +7,7 @@ also forbids.
 import io
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from functools import cache
 from importlib.resources import files
 from typing import Any, Final
@@ -19,6 +19,7 @@ from matplotlib.figure import Figure
 
 from highd_lc.reporting import drawing, labels
 
+_NO_METADATA: Final = dict.fromkeys(("Date", "Creator", "Format", "Type"))
 _MISSING: Final = "–"
 _SCRIPT_ESCAPES: Final = {
     ord("<"): "\\u003c",
@@ -58,7 +59,7 @@ def _environment() -> Environment:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters.update(number=number, percent=percent, json=json_script, role=labels.role)
+    environment.filters.update(number=number, percent=percent, cells=cells, json=json_script, role=labels.role)
     environment.globals.update(style=style, script=script, pages=PAGES, labels=labels)
     return environment
 
@@ -74,6 +75,12 @@ def number(value: Any, digits: int = 2) -> str:
 def percent(value: Any, digits: int = 2) -> str:
     """A share as percent, without its sign; a dash where there is none."""
     return _MISSING if is_missing(value) else f"{number(100 * float(value), digits)} %"
+
+
+def cells(values: Iterable[Any], digits: int | None = None) -> Markup:
+    """Table cells of numbers, or of (number, digits) pairs: one string, which is many times faster than a loop."""
+    pairs = values if digits is None else [(value, digits) for value in values]
+    return Markup("".join(f'<td class="n">{number(value, places)}</td>' for value, places in pairs))
 
 
 def is_missing(value: Any) -> bool:
@@ -115,7 +122,7 @@ def inline_svg(figure: Figure, alternative: str) -> Markup:
     """
     sink = io.StringIO()
     with matplotlib.rc_context({"svg.fonttype": "none", "svg.hashsalt": "highd_lc"}):
-        figure.savefig(sink, format="svg", transparent=True, metadata={"Date": None, "Creator": None})
+        figure.savefig(sink, format="svg", transparent=True, metadata=_NO_METADATA)
     text = sink.getvalue()
     text = text[text.index("<svg") :]
     for colour, variable in _theme_colours().items():

@@ -1,7 +1,7 @@
 """The summary page: the population's results on one screen, with links to everything behind them."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -47,18 +47,15 @@ def summary_page(tables: SummaryTables) -> str:
 
 
 def _sections(tables: SummaryTables) -> Iterator[Section]:
-    yield _renamed(matrix_section(with_labels(tables.matrix)), "Local optimum against benchmark")
-    yield _losses_section(tables)
-    yield _distribution_section(tables)
-    yield _map_section(tables)
-    yield _extremes_section(tables)
-    yield table3_section(tables.summary_lcm)
+    if len(tables.events):
+        yield replace(matrix_section(with_labels(tables.matrix)), title="Local optimum against benchmark")
+        yield _losses_section(tables)
+        yield _distribution_section(tables)
+        yield _map_section(tables)
+        yield _extremes_section(tables)
+        yield table3_section(tables.summary_lcm)
     yield funnel_section(tables.crossings)
     yield _quality_section(tables.recordings)
-
-
-def _renamed(section: Section, title: str) -> Section:
-    return Section(title, section.text, section.figure, section.caption, section.tables, section.anchor)
 
 
 def totals(

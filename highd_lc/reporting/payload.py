@@ -36,28 +36,35 @@ class Packed:
 
 
 def pack(channels: list[FloatArray], step: float) -> Packed:
-    """Channels (each of shape (n,), NaN only at its ends) as steps, starts and one run of bytes."""
-    heads: list[list[float]] = []
-    runs: list[bytes] = []
-    for values in channels:
-        known = np.flatnonzero(np.isfinite(values))
-        first = int(known[0]) if known.size else 0
-        run = values[first : known[-1] + 1] if known.size else values[:0]
-        head, data = _pack_run(run, step)
-        heads.append([*head, first, run.size])
-        runs.append(data)
-    return Packed(heads, b"".join(runs))
+    """Channels (each of shape (n,), NaN only at its ends) as heads and one run of bytes."""
+    values = np.array(channels)
+    known = np.isfinite(values)
+    if known.all():
+        return _pack_whole(values, step)
+    parts = [_pack_known(row, step) for row in values]
+    return Packed([head for part in parts for head in part.channels], b"".join(part.data for part in parts))
 
 
-def _pack_run(values: FloatArray, step: float) -> tuple[list[float], bytes]:
-    if values.size == 0:
-        return [step, 0], b""
-    filled = np.where(np.isfinite(values), values, 0.0)
-    fastest = float(np.abs(np.diff(filled)).max()) if values.size > 1 else 0.0
-    coarse = max(step, float(f"{fastest / _LARGEST_BYTE:.3g}"))
-    whole = np.rint(filled / coarse)
-    deltas = np.diff(whole, prepend=whole[:1]).astype(np.int8)
-    return [coarse, int(whole[0])], deltas.tobytes()
+def _pack_known(values: FloatArray, step: float) -> Packed:
+    """One channel with its unknown ends left out."""
+    known = np.flatnonzero(np.isfinite(values))
+    if not known.size:
+        return Packed([[step, 0, 0, 0]], b"")
+    first, last = int(known[0]), int(known[-1])
+    packed = _pack_whole(np.nan_to_num(values[None, first : last + 1]), step)
+    return Packed([[*packed.channels[0][:2], first, last + 1 - first]], packed.data)
+
+
+def _pack_whole(values: FloatArray, step: float) -> Packed:
+    """Channels without gaps, shape (m, n)."""
+    fastest = np.abs(np.diff(values, axis=1)).max(axis=1, initial=0.0)
+    steps = [max(step, float(f"{value / _LARGEST_BYTE:.3g}")) for value in fastest.tolist()]
+    whole = np.rint(values / np.array(steps)[:, None])
+    deltas = np.diff(whole, axis=1, prepend=whole[:, :1]).astype(np.int8)
+    heads = [
+        [s, base, 0, values.shape[1]] for s, base in zip(steps, whole[:, 0].astype(int).tolist(), strict=True)
+    ]
+    return Packed(heads, deltas.tobytes())
 
 
 def event_payload(report: EventReport, *, raw: bool = False) -> dict[str, Any]:

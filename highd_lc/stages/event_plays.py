@@ -7,14 +7,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from highd_lc.algorithms import planner
+from highd_lc.algorithms.packing import PackedScene
 from highd_lc.algorithms.planner import PlanningProblem
-from highd_lc.algorithms.replay import AvMotion, Replay, human_motion, plan_motion, replay
+from highd_lc.algorithms.replay import AvMotion, drive_on, follow, human_motion, plan_motion
 from highd_lc.core.quintic import Quintic
 from highd_lc.reporting.event import Path, Play, Row
 from highd_lc.vocab import names
 from highd_lc.vocab.scene import Motion, Scene
 
 FloatArray = NDArray[np.float64]
+Three = tuple[FloatArray, FloatArray, FloatArray]
+Driven = tuple[AvMotion, Three]
+"""The AV's motion, and the followers' x [m], v [m/s], a [m/s^2], each of shape (p, N + 1)."""
 _LEADERS: Final = (names.ORIGIN_LEADER, names.TARGET_LEADER, names.ORIGIN_FOLLOWER)
 
 
@@ -26,30 +30,41 @@ def policy_plays(problem: PlanningProblem, plans: Iterable[Row]) -> Iterator[Pla
             key = (row["policy"], row["T"], row["x_final"], row["v_end"])
             groups.setdefault(key, []).append(row["accounting"])
     for (policy, *shape), accountings in groups.items():
-        played = _replayed(problem, policy, *shape)
-        yield _play(problem, policy, tuple(accountings), played)
+        av, followers = _replayed(problem, policy, *shape)
+        yield _play(problem, policy, tuple(accountings), av=av, followers=followers)
 
 
-def _replayed(problem: PlanningProblem, policy: str, T: float, x_final: float, v_end: float) -> Replay:
+def _replayed(problem: PlanningProblem, policy: str, T: float, x_final: float, v_end: float) -> Driven:
     if policy == names.NO_LANE_CHANGE:
-        return planner.stay(problem)
+        stayed = planner.stay(problem)
+        return stayed.av, (stayed.x, stayed.v, stayed.a)
     if policy == names.HUMAN:
-        return replay(human_motion(problem.scene.human, problem.packed), problem.packed)
+        return _driven(human_motion(problem.scene.human, problem.packed), problem.packed)
     quintic = Quintic(v0=problem.scene.v0, D=problem.scene.lateral_shift, T=T, x_final=x_final, v_end=v_end)
-    return replay(plan_motion(quintic, problem.packed), problem.packed)
+    return _driven(plan_motion(quintic, problem.packed), problem.packed)
 
 
-def _play(problem: PlanningProblem, policy: str, accountings: tuple[str, ...], played: Replay) -> Play:
+def _driven(av: AvMotion, scene: PackedScene) -> Driven:
+    # As ``replay`` does, but without the clearances, which stand in the tables and take most of its time.
+    drive_on(av.x, av.y, av.vx, av.ax, av.jerk, av.n, scene)
+    x, v, a = (np.empty((len(scene.follower_x), len(av.x))) for _ in range(3))
+    follow(av.x + scene.length / 2.0, av.vx, av.crossing if scene.from_crossing else 0, scene, x, v, a)
+    return av, (x, v, a)
+
+
+def _play(
+    problem: PlanningProblem, policy: str, accountings: tuple[str, ...], *, av: AvMotion, followers: Three
+) -> Play:
     scene = problem.scene
     stays = policy == names.NO_LANE_CHANGE
-    levels = (np.full(played.x.shape[1], y) for y in scene.followers.y)
+    levels = (np.full(len(av.x), y) for y in scene.followers.y)
     return Play(
         policy=policy,
         accountings=accountings,
-        T=float("nan") if stays else played.av.n * scene.dt,
-        ego=_ego(played.av, scene, at_rear_axle=policy not in (names.HUMAN, names.NO_LANE_CHANGE)),
-        jerk=played.av.jerk,
-        followers=tuple(Path(*each) for each in zip(played.x, levels, played.v, played.a, strict=True)),
+        T=float("nan") if stays else av.n * scene.dt,
+        ego=_ego(av, scene, at_rear_axle=policy not in (names.HUMAN, names.NO_LANE_CHANGE)),
+        jerk=av.jerk,
+        followers=tuple(Path(x, y, v, a) for x, y, v, a in zip(followers[0], levels, *followers[1:], strict=True)),
         measured=policy == names.HUMAN,
     )
 

@@ -59,7 +59,10 @@ def read_tables(job: Job) -> RecordingTables:
 
 def _by_event(work: Folder, name: str, recording: int) -> dict[str, tuple[Row, ...]]:
     groups: dict[str, list[Row]] = defaultdict(list)
-    for row in artefacts.read(work, name, recording=recording).to_dict("records"):
+    frame = artefacts.read(work, name, recording=recording)
+    columns = [frame[column].tolist() for column in frame.columns]
+    for values in zip(*columns, strict=True):
+        row = dict(zip(frame.columns, values, strict=True))
         groups[row["event_id"]].append(row)
     return {event_id: tuple(rows) for event_id, rows in groups.items()}
 

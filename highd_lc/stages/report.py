@@ -1,6 +1,7 @@
 """Report: a page and a picture of each event, then the pages of the whole run."""
 
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -73,14 +74,13 @@ def top_events(work: Path, count: int) -> frozenset[str]:
 def run(job: Job, *, request: ReportRequest) -> JobReport:
     """Make the pages and pictures of a recording's events, and the part ``event_pages`` that the index draws."""
     tables = read_tables(job)
-    painter = EventPainter()
     rows = []
     scenes = load_scenes(job.work, job.recording, job.settings.validation)
     for k, (event, scene) in enumerate(zip(tables.events, scenes, strict=True)):
         if request.events is None or event["event_id"] in request.events:
             report = event_report(event, tables, scene, job.settings.validation)
             links = _links(tables, k, request)
-            _write_event(report, links, painter, request=request, raw=job.settings.report.raw)
+            _write_event(report, links, request=request, raw=job.settings.report.raw)
             rows.append(_page_row(report, job, links))
     if request.events is None:
         frame = pd.DataFrame(rows, columns=list(TABLES["event_pages"].column_names))
@@ -99,13 +99,17 @@ def _links(tables: RecordingTables, k: int, request: ReportRequest) -> Links:
     )
 
 
-def _write_event(
-    report: EventReport, links: Links, painter: EventPainter, *, request: ReportRequest, raw: bool
-) -> None:
+@cache
+def _painter() -> EventPainter:
+    """One painter a process: its painted backgrounds serve all recordings."""
+    return EventPainter()
+
+
+def _write_event(report: EventReport, links: Links, *, request: ReportRequest, raw: bool) -> None:
     folder = request.reports / "events"
     _write(folder / f"{report.event_id}.html", event_page(report, links, raw=raw).encode("utf-8"))
     if links.png:
-        _write(folder / f"{report.event_id}.png", painter.png(report))
+        _write(folder / f"{report.event_id}.png", _painter().png(report))
     for kind in links.vector:
         event_figure(report).savefig(folder / f"{report.event_id}.{kind}", format=kind)
 

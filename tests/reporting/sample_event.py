@@ -147,3 +147,34 @@ def sample_event(p: int = 3) -> EventReport:
         surface=surface(),
         provenance=(("code", "0.1.0"), ("seed", "1")),
     )  # fmt: skip
+
+
+_LOSSES = (
+    "loss_av", "av_comfort", "av_efficiency", "loss_hv", "hv_comfort", "hv_efficiency", "loss_total",
+    "loss_hv_increment", "min_gap_m",
+)  # fmt: skip
+
+
+def infeasible_event() -> EventReport:
+    """No plan under the primary accounting for the fixed form."""
+    report = sample_event()
+
+    def plan(row):
+        if row["policy"] not in names.FIXED_POLICIES:
+            return row
+        nothing = {"T": np.nan, "x_final": np.nan, "v_end": np.nan, "status": names.INFEASIBLE}
+        counts = {"jerk_y": 1200, "clearance_target_leader": 34}
+        return {**row, **nothing, "candidates": 3888, "rejected_by": counts, "margins": {"jerk_y": -0.75}}
+
+    def loss(row):
+        if row["policy"] not in names.FIXED_POLICIES:
+            return row
+        numbers = {name: np.nan for name in _LOSSES}
+        return {**row, **numbers, "loss_hv_each": [], "follower_weights": []}
+
+    return replace(
+        report,
+        plans=tuple(map(plan, report.plans)),
+        losses=tuple(map(loss, report.losses)),
+        plays=tuple(p for p in report.plays if p.policy not in names.FIXED_POLICIES),
+    )

@@ -4,7 +4,9 @@ import numpy as np
 import pandas as pd
 
 from highd_lc.reporting.pages_index import IndexTables
+from highd_lc.reporting.pages_summary import SummaryTables
 from highd_lc.vocab import names
+from highd_lc.vocab.lcm_parameters import PARAMETERS, TABLE3_MEANS, TABLE3_QUANTILES
 
 
 def sample_run(n: int = 60, *, seed: int = 4) -> IndexTables:
@@ -76,4 +78,84 @@ def _pages(ids: list[str], rng: np.random.Generator) -> pd.DataFrame:
     return pd.DataFrame({
         "event_id": ids, "recording_id": [int(i[:2]) for i in ids], "png": True,
         "hv1_speed_benchmark": speed, "hv1_speed_local": local,
+        "hv1_spacing_m": rng.uniform(8, 90, len(ids)), "hv1_speed_difference_mps": rng.normal(2, 3, len(ids)),
     })  # fmt: skip
+
+
+def sample_summary(n: int = 60) -> SummaryTables:
+    """The tables of the summary page for ``sample_run``."""
+    run = sample_run(n)
+    losses = run.losses.assign(loss_av=0.45 * run.losses["loss_total"], loss_hv=0.55 * run.losses["loss_total"])
+    return SummaryTables(
+        events=run.events, crossings=run.crossings, losses=losses, matrix=matrix(), recordings=recordings(),
+        summary_losses=summary_losses(), summary_lcm=summary_lcm(), pages=run.pages,
+    )  # fmt: skip
+
+
+def matrix() -> pd.DataFrame:
+    """Two strata beside all events; every number differs from every other."""
+    cells = [(f, a, s) for f in names.FORMS for a in names.ACCOUNTINGS for s in ("all", "Car", "Truck")]
+    rows = []
+    for k, (form, accounting, stratum) in enumerate(cells):
+        gain = 0.0111 * (k + 1)
+        rows.append({
+            "form": form, "accounting": accounting, "stratum": stratum, "n_events": 60 + k, "n_recordings": 6,
+            "total_benchmark": 1000.0 + k, "total_local": (1000.0 + k) * (1 - gain), "gain": gain,
+            "gain_low": gain - 0.004, "gain_high": gain + 0.005, "gain_hv": 2 * gain, "gain_av": -gain,
+            "median_difference": -gain / 2, "hodges_lehmann": -gain / 3, "share_differ": 0.8, "share_better": 0.7,
+            "share_worse": 0.1, "share_worst_follower_worse": 0.2, "infeasible": k,
+        })  # fmt: skip
+    return pd.DataFrame(rows)
+
+
+def summary_losses() -> pd.DataFrame:
+    """Two pairs of policies under two accountings."""
+    pairs = ((names.LOCAL_OPTIMUM, names.BENCHMARK), (names.BENCHMARK, names.HUMAN))
+    return pd.DataFrame([
+        {
+            "policy": policy, "against": against, "accounting": accounting, "quantity": quantity, "n": 54,
+            "mean": 20.125, "mean_against": 21.5, "ratio_of_sums": 0.936, "median_difference": -1.25,
+            "hodges_lehmann": -1.3, "difference_low": -2.0, "difference_high": -0.75, "share_better": 0.8,
+            "share_worse": 0.15, "share_tied": 0.05,
+        }
+        for policy, against in pairs
+        for accounting in (names.EQUAL, names.PAPER)
+        for quantity in ("loss_total", "loss_hv", "min_gap_m", "some_new_quantity")
+    ])  # fmt: skip
+
+
+def summary_lcm() -> pd.DataFrame:
+    """Table 3 of two groups."""
+    published = {q: v.as_array() for q, v in TABLE3_QUANTILES.items()} | {"mean": TABLE3_MEANS.as_array()}
+    rows = []
+    for group in ("all", names.CAR):
+        for k, name in enumerate(PARAMETERS):
+            paper = {f"paper_{q}": published[p][k] for q, p in (("q25", 0.25), ("q50", 0.5), ("q75", 0.75))}
+            ours = {q: 1.1 * paper[f"paper_{q}"] for q in ("q25", "q50", "q75")}
+            mean = {"mean": 1.2 * published["mean"][k], "paper_mean": published["mean"][k]}
+            row = {"group": group, "quantity": name, "n": 90, "share_at_bound": 0.125}
+            rows.append(row | paper | ours | mean)
+        rows.append({"group": group, "quantity": "objective", "n": 90, "mean": 0.05, "q50": 0.04})
+    return pd.DataFrame(rows)
+
+
+def followers() -> pd.DataFrame:
+    """Fits of every status."""
+    rng = np.random.default_rng(2)
+    frame = pd.DataFrame(TABLE3_MEANS.as_array() * rng.uniform(0.5, 1.5, (40, 6)), columns=list(PARAMETERS))
+    frame["status"] = np.resize([names.FITTED, names.FITTED, names.CLASS_POOL, names.TABLE3], 40)
+    return frame
+
+
+def recordings() -> pd.DataFrame:
+    """Two carriageways of three recordings, one with a failed cross-check."""
+    rows = [
+        {
+            "recording_id": r, "driving_direction": d, "n_vehicles": 100, "n_trucks": 20, "frame_rate": 25.0,
+            "n_holes": 0, "share_outside": 0.001, "mean_acceleration": 0.02, "disagreement_inner": 0.1,
+            "share_lane_changes": 1.0, "failed_checks": ["travelled"] if (r, d) == (2, 1) else [],
+        }
+        for r in (1, 2, 3)
+        for d in (1, 2)
+    ]  # fmt: skip
+    return pd.DataFrame(rows)

@@ -1,0 +1,105 @@
+import html as escapes
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from sample_event import EVENT_ID, infeasible_event, sample_event
+
+from highd_lc.reporting.event import gain
+from highd_lc.reporting.pages_event import LOSS_COLUMNS, Links, event_page
+from highd_lc.vocab import names
+
+_LIMIT = 250_000
+
+
+def text_of(page: str) -> str:
+    body = re.sub(r"<(script|style).*?</\1>", "", page, flags=re.DOTALL)
+    return " ".join(escapes.unescape(re.sub(r"<[^>]+>", " ", body)).split())
+
+
+def loss_cells(page: str, accounting: str, policy: str) -> list[float]:
+    table = page.split(f'data-accounting="{accounting}"')[1]
+    row = table.split(f'data-policy="{policy}"')[1].split("</tr>")[0]
+    return [float(cell.replace("−", "-")) for cell in re.findall(r'<td class="n">([^<]+)</td>', row)]
+
+
+@pytest.mark.parametrize("policy", names.POLICIES)
+@pytest.mark.parametrize("accounting", names.ACCOUNTINGS)
+def test_losses_on_the_page_are_those_of_the_table(policy, accounting):
+    report = sample_event()
+    row = report.loss(policy, accounting)
+    shown = loss_cells(event_page(report, Links()), accounting, policy)
+    truth = [row[name] for name in LOSS_COLUMNS] + row["loss_hv_each"]
+    np.testing.assert_allclose(shown, truth, atol=5.1e-4)
+
+
+def test_gain_is_that_of_the_primary_cell():
+    report = sample_event()
+    local, benchmark = (report.loss(p)["loss_total"] for p in (names.LOCAL_OPTIMUM, names.BENCHMARK))
+    assert report.gain() == pytest.approx(1 - local / benchmark)
+    assert f"{100 * report.gain():.2f} %" in text_of(event_page(report, Links()))
+
+
+@pytest.mark.parametrize(("local", "benchmark"), [(np.nan, 1.0), (1.0, np.nan), (1.0, 0.0)])
+def test_gain_is_unknown_without_both_totals(local, benchmark):
+    assert np.isnan(gain(local, benchmark))
+
+
+@pytest.mark.parametrize("p", [1, 3, 10])
+def test_a_page_stays_small(p):
+    assert len(event_page(sample_event(p), Links(png=True)).encode()) < _LIMIT
+
+
+def test_a_page_asks_for_nothing():
+    page = event_page(sample_event(), Links())
+    assert "default-src 'none'" in page
+    addresses = set(re.findall(r"https?://[^\s\"')]+", page)) - {"http://www.w3.org/2000/svg"}
+    assert not addresses
+    assert not re.search(r"<(link|img|iframe)\b|\bsrc=", page)
+
+
+def test_an_infeasible_event_says_why():
+    report = infeasible_event()
+    text = text_of(event_page(report, Links()))
+    assert "none of 3888 candidates meets all constraints" in text
+    assert "jerk y rejects 1200, clearance target leader rejects 34" in text
+    assert "−0.75" in text
+    assert np.isnan(report.gain())
+
+
+def test_an_overlap_at_the_start_says_so():
+    report = infeasible_event()
+    rows = [
+        {**r, "status": names.INFEASIBLE_AT_START} if r["status"] == names.INFEASIBLE else r for r in report.plans
+    ]
+    text = text_of(event_page(replace(report, plans=tuple(rows)), Links()))
+    assert "vehicles overlap already at the start" in text
+
+
+def test_text_from_data_is_escaped():
+    report = sample_event()
+    hostile = "<script>alert(1)</script>"
+    fits = ({**report.fits[0], "status": names.POOL, "reason": hostile}, *report.fits[1:])
+    event = {**report.event, "ego_class": hostile}
+    page = event_page(replace(report, fits=fits, event=event, provenance=((hostile, hostile),)), Links())
+    assert hostile not in page
+    assert page.count("&lt;script&gt;") >= 3
+
+
+def test_links_lead_to_neighbours_and_pictures():
+    page = event_page(sample_event(), Links(previous="07-0001-00001", png=True, vector=("pdf",)))
+    assert 'href="07-0001-00001.html" rel="prev"' in page
+    assert f'href="{EVENT_ID}.png"' in page
+    assert f'href="{EVENT_ID}.pdf"' in page
+    assert 'rel="next"' not in page
+
+
+def test_raw_pages_warn():
+    assert "licence of the data" in text_of(event_page(sample_event(), Links(), raw=True))
+    assert "licence of the data" not in text_of(event_page(sample_event(), Links()))
+
+
+def test_model_error_stands_beside_the_effect():
+    text = text_of(event_page(sample_event(), Links()))
+    assert "loss 11.250 recorded, 10.500 simulated, a difference of −0.750" in text

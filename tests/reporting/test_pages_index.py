@@ -1,0 +1,90 @@
+import json
+import re
+
+import numpy as np
+import pytest
+from sample_run import sample_run
+
+from highd_lc.reporting.event import PAIRS
+from highd_lc.reporting.pages_index import CELLS, index_page, index_payload
+from highd_lc.vocab import names
+
+
+def payload_of(page: str) -> dict:
+    return json.loads(re.search(r'<script type="application/json" id="data">(.*?)</script>', page).group(1))
+
+
+def test_every_event_is_listed_once_with_its_facts():
+    run = sample_run()
+    data = payload_of(index_page(run))
+    keys = [column["key"] for column in data["columns"]]
+    listed = [dict(zip(keys, row, strict=True)) for row in data["rows"]]
+    assert [row["event_id"] for row in listed] == run.events["event_id"].tolist()
+    assert [row["followers"] for row in listed] == [len(ids) for ids in run.events["follower_ids"]]
+
+
+@pytest.mark.parametrize("cell", CELLS)
+def test_gains_are_those_of_the_losses(cell):
+    run = sample_run()
+    form, accounting = cell
+    values = index_payload(run)["values"]["/".join(cell)]
+    losses = run.losses[run.losses["accounting"] == accounting].set_index(["event_id", "policy"])["loss_total"]
+    for event_id, gain in zip(run.events["event_id"], values["gain"], strict=True):
+        local, benchmark = (losses[event_id, policy] for policy in PAIRS[form])
+        if np.isfinite(local):
+            assert gain == pytest.approx(100 * (1 - local / benchmark), abs=6e-4)
+        else:
+            assert gain is None
+
+
+def test_infeasible_events_stay_in_the_list():
+    run = sample_run()
+    values = index_payload(run)["values"]["fixed/equal"]
+    infeasible = [s for s in values["status"] if s == "infeasible"]
+    assert len(infeasible) == len(range(8, 60, 9))
+
+
+def test_the_primary_cell_comes_first():
+    assert index_payload(sample_run())["cells"][0] == f"{names.FIXED}/{names.PRIMARY_ACCOUNTING}"
+
+
+def test_a_run_without_the_free_form_offers_only_the_fixed_one():
+    run = sample_run()
+    fixed = ~run.plans["policy"].isin(names.FREE_POLICIES)
+    run = type(run)(run.events, run.crossings, run.plans[fixed], run.losses[fixed], run.pages)
+    assert [c for c in payload_of(index_page(run))["cells"] if c.startswith("free")] == []
+
+
+def test_excluded_lane_changes_are_counted_by_reason_and_linked():
+    run = sample_run()
+    page = index_page(run)
+    counts = run.crossings.loc[~run.crossings["usable"], "reason"].value_counts()
+    for reason, count in counts.items():
+        assert re.search(
+            rf'href="excluded.html#{reason}">{reason}</a></th><td>[^<]*</td><td class="n">{count}<', page
+        )
+    assert f'<td class="n">{counts.sum()}</td></tr></tfoot>' in page
+
+
+def test_sparklines_are_relative_to_the_benchmark_start():
+    import base64
+
+    run = sample_run(6)
+    data = index_payload(run)
+    spark = data["rows"][0][-1]
+    page = run.pages.iloc[0]
+    for text, speeds in zip(spark, (page["hv1_speed_benchmark"], page["hv1_speed_local"]), strict=True):
+        steps = np.frombuffer(base64.b64decode(text), np.int8)
+        back = page["hv1_speed_benchmark"][0] + 0.2 * steps
+        np.testing.assert_allclose(back, speeds, atol=0.1001)
+
+
+def test_hostile_ids_stay_text():
+    run = sample_run(3)
+    events = run.events.assign(ego_class="</script><img src=x>")
+    page = index_page(type(run)(events, run.crossings, run.plans, run.losses, run.pages))
+    assert "<img" not in page
+
+
+def test_eight_thousand_events_fit_into_three_megabytes():
+    assert len(index_page(sample_run(8400)).encode()) < 3_000_000

@@ -1,0 +1,136 @@
+import html as escapes
+import re
+from dataclasses import replace
+
+import pytest
+from sample_run import followers, matrix, sample_run, sample_summary, summary_lcm
+
+from highd_lc.reporting.pages_index import IndexTables, index_page
+from highd_lc.reporting.pages_population import calibration_page, dictionary_page, excluded_page, matrix_page
+from highd_lc.reporting.pages_summary import summary_page
+from highd_lc.vocab import names
+from highd_lc.vocab.lcm_parameters import TABLE3_MEANS
+from highd_lc.vocab.tables import TABLES
+
+
+def rows_of(page: str, *, after: str = "<body") -> list[list[str]]:
+    """All table rows behind a place of the page, as texts of their cells."""
+    rows = re.findall(r"<tr>(.*?)</tr>", page[page.index(after) :], flags=re.DOTALL)
+    cells = [re.findall(r"<t[hd][^>]*>(.*?)</t[hd]>", row, flags=re.DOTALL) for row in rows]
+    return [[escapes.unescape(re.sub(r"<[^>]+>", "", cell)) for cell in row] for row in cells]
+
+
+def test_the_matrix_shows_every_cell_with_its_interval():
+    page = matrix_page(matrix())
+    shown = {(row[0], row[1]): row for row in rows_of(page)[1:7]}
+    assert len(shown) == 6
+    whole = matrix().query("stratum == 'all'")
+    for row in whole.itertuples(index=False):
+        form = "Fixed end speed" if row.form == "fixed" else "Free end speed"
+        accounting = {"paper": "Paper", "follower_horizon": "Follower horizon", "equal": "Equal"}[row.accounting]
+        cells = shown[form, accounting]
+        assert cells[2] == str(row.n_events)
+        assert cells[6:9] == [f"{100 * v:.2f}" for v in (row.gain, row.gain_low, row.gain_high)]
+
+
+def test_the_primary_accounting_leads():
+    first = rows_of(matrix_page(matrix()))[1]
+    assert first[:2] == ["Fixed end speed", "Equal"]
+
+
+def test_strata_have_their_tables():
+    page = matrix_page(matrix())
+    for form in names.FORMS:
+        for accounting in names.ACCOUNTINGS:
+            rows = rows_of(page, after=f'id="{form}-{accounting}"')
+            assert [row[0] for row in rows[1:3]] == ["Car", "Truck"]
+
+
+def test_table_3_stands_side_by_side():
+    rows = rows_of(calibration_page(summary_lcm(), followers()), after='id="table3"')
+    desired = rows[1]
+    mean = TABLE3_MEANS.v_desire
+    assert desired[0] == "desired speed v_desire"
+    assert desired[-3:] == [f"{1.2 * mean:.2f}", f"{mean:.2f}", "12.5"]
+    assert rows[7][0] == "objective"
+
+
+def test_where_parameters_come_from_adds_up():
+    rows = rows_of(calibration_page(summary_lcm(), followers()), after="Where the parameters come from")
+    assert rows[1:5] == [["fitted", "20"], ["class pool", "10"], ["pool of all", "0"], ["Table 3 means", "10"]]
+
+
+def test_every_excluded_lane_change_is_listed_under_its_reason():
+    crossings = sample_run().crossings
+    page = excluded_page(crossings)
+    for reason, group in crossings[~crossings["usable"]].groupby("reason"):
+        section = page[page.index(f'id="{reason}"') :].split("</section>")[0]
+        assert all(event_id in section for event_id in group["event_id"])
+        assert f"{reason} ({len(group)})" in section
+
+
+def test_the_funnel_adds_up_to_all_crossings():
+    crossings = sample_run().crossings
+    rows = rows_of(excluded_page(crossings), after='id="funnel"')
+    body = rows[1 : 3 + len(names.REASONS)]
+    assert body[-1][-1] == str(len(crossings))
+    assert sum(int(row[-1]) for row in body[:-1]) == len(crossings)
+    assert all(int(row[-1]) == int(row[-2]) + int(row[-3]) for row in body)
+
+
+def test_the_dictionary_holds_every_column_of_every_table():
+    page = dictionary_page()
+    for table in TABLES.values():
+        rows = rows_of(page, after=f'id="{table.name}"')[1 : 1 + len(table.columns)]
+        assert [row[0] for row in rows] == list(table.column_names)
+        assert [row[3] for row in rows] == [column.meaning for column in table.columns]
+
+
+def test_the_summary_links_best_and_worst_events():
+    tables = sample_summary()
+    page = summary_page(tables)
+    best = rows_of(page, after="Largest gains")[1:11]
+    worst = rows_of(page, after="Smallest gains")[1:11]
+    gains = [float(row[-1].replace("−", "-")) for row in best]
+    assert gains == sorted(gains, reverse=True)
+    assert float(worst[0][-1].replace("−", "-")) == min(float(r[-1].replace("−", "-")) for r in worst)
+    assert f'href="events/{best[0][0]}.html"' in page
+
+
+def test_the_summary_shows_the_primary_accounting_only_and_names_unknown_quantities():
+    rows = rows_of(summary_page(sample_summary()), after="Losses by policy")
+    assert rows[1][:3] == ["Local optimum", "Benchmark", "total loss"]
+    assert any("some_new_quantity" in row for row in rows)
+
+
+def test_failed_cross_checks_are_shown():
+    rows = rows_of(summary_page(sample_summary()), after='id="quality"')
+    assert [row[-1] for row in rows[1:5]] == ["–", "–", "travelled", "–"]
+
+
+def test_a_run_in_which_nothing_is_feasible_still_has_a_summary():
+    tables = sample_summary(6)
+    losses = tables.losses.assign(loss_total=float("nan"), loss_av=float("nan"), loss_hv=float("nan"))
+    assert "no event with both plans" in summary_page(replace(tables, losses=losses))
+
+
+def test_a_run_without_any_event_still_has_its_pages():
+    tables, run = sample_summary(6), sample_run(6)
+    nothing = {
+        name: getattr(tables, name).iloc[:0]
+        for name in ("events", "losses", "matrix", "summary_losses", "summary_lcm", "pages")
+    }
+    crossings = tables.crossings[~tables.crossings["usable"]]
+    empty = replace(tables, **nothing, crossings=crossings)
+    assert "0 lane changes of 0 recordings" in summary_page(empty)
+    assert "All events" in matrix_page(empty.matrix)
+    assert "0 fitted followers" in calibration_page(empty.summary_lcm, followers().iloc[:0])
+    index = IndexTables(empty.events, crossings, run.plans.iloc[:0], run.losses.iloc[:0], empty.pages)
+    assert "0 events" in index_page(index)
+
+
+@pytest.mark.parametrize("page", [dictionary_page(), matrix_page(matrix()), summary_page(sample_summary())])
+def test_pages_ask_for_nothing(page):
+    assert "default-src 'none'" in page
+    namespaces = {"http://www.w3.org/2000/svg", "http://www.w3.org/1999/xlink"}
+    assert set(re.findall(r"https?://[^\s\"'<)]+", page)) <= namespaces
