@@ -53,7 +53,16 @@ def vehicle_facts(
 
 
 @njit(cache=True, nogil=True)
-def _facts(starts, frame, x, vx, lane, leader_id, ids, length):
+def _facts(
+    starts: IntArray,
+    frame: IntArray,
+    x: FloatArray,
+    vx: FloatArray,
+    lane: IntArray,
+    leader_id: IntArray,
+    ids: IntArray,
+    length: FloatArray,
+) -> tuple[IntArray, FloatArray]:
     counts = np.zeros((3, len(ids)), dtype=np.int64)
     gaps = np.full((2, len(ids)), np.nan)
     for vehicle in range(len(ids)):
@@ -114,7 +123,18 @@ def disagreement(
 
 
 @njit(cache=True, nogil=True)
-def _disagree(starts, frame, x, vx, vehicles, half, rate, places, zones, bins):
+def _disagree(
+    starts: IntArray,
+    frame: IntArray,
+    x: FloatArray,
+    vx: FloatArray,
+    vehicles: IntArray,
+    half: int,
+    rate: float,
+    places: FloatArray,
+    zones: FloatArray,
+    bins: FloatArray,
+) -> None:
     for vehicle in vehicles:
         for row in range(starts[vehicle] + half, starts[vehicle + 1] - half):
             if frame[row + half] - frame[row - half] != 2 * half:
@@ -130,7 +150,9 @@ def _disagree(starts, frame, x, vx, vehicles, half, rate, places, zones, bins):
 
 def _mean(sums_and_counts: FloatArray) -> FloatArray:
     sums, counts = sums_and_counts
-    return np.divide(sums, counts, out=np.full(len(sums), np.nan), where=counts > 0)
+    means: FloatArray = np.full(len(sums), np.nan)
+    np.divide(sums, counts, out=means, where=counts > 0)
+    return means
 
 
 def mean_speed_change(index: TrackIndex, vx: FloatArray, *, vehicles: IntArray, rate: float) -> float:

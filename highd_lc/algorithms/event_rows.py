@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from highd_lc.algorithms.extraction import Crossing
 from highd_lc.algorithms.neighbours import NOBODY
 from highd_lc.algorithms.roles import Roles
-from highd_lc.algorithms.track_index import Traffic, find_row
+from highd_lc.algorithms.track_index import TIE, Traffic, find_row
 from highd_lc.vocab import names
 
 FloatArray = NDArray[np.float64]
@@ -90,7 +90,7 @@ def calibration_rows(traffic: Traffic, follower: int, leader: int, *, lane: int,
         & (traffic.leader_id[traffic.index.span(follower)] == traffic.ids[leader]),
         (follower, leader),
         before_frame,
-        (traffic.entry[direction], traffic.stop[direction]),
+        (traffic.entry[direction] - TIE, traffic.stop[direction] + TIE),
     )
     return slice(int(first), int(stop))
 

@@ -4,9 +4,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from highd_lc.algorithms.lane_change import ABSENT, LaneChange, Path, Rule, find_lane_changes
+from highd_lc.algorithms.lane_change import LaneChange, Path, Rule, find_lane_changes
 from highd_lc.algorithms.roles import Maneuver, Roles, find_roles
-from highd_lc.algorithms.track_index import Traffic
+from highd_lc.algorithms.track_index import ABSENT, Traffic
 from highd_lc.vocab import names
 
 
@@ -42,7 +42,8 @@ def find_crossings(traffic: Traffic, rule: Rule, *, max_link_m: float, max_follo
 
 def _path(traffic: Traffic, vehicle: int) -> Path:
     span = traffic.index.span(vehicle)
-    return Path(traffic.index.frame[span], traffic.lane[span], traffic.y[span], traffic.rate)
+    markings = traffic.markings[int(traffic.direction[vehicle])]
+    return Path(traffic.index.frame[span], traffic.lane[span], traffic.y[span], markings, traffic.rate)
 
 
 def _crossing(traffic: Traffic, ego: int, change: LaneChange) -> Crossing:

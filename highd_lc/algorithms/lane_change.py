@@ -2,17 +2,20 @@
 
 The authors' rule: outward from the crossing, the nearest moments at which lateral speed and acceleration are
 both near zero, read together with the lateral position. Near zero means here, on the derivatives of a local
-quadratic through the positions: speed towards the target below a threshold and staying so for a while,
-acceleration below a threshold at the moment itself, and the vehicle off the marking that it crosses.
+quadratic through the positions: speed and acceleration below thresholds, the speed towards the target staying
+so for a while, and the vehicle off the marking that it crosses. Two changes without a rest in their lane
+between them are one manoeuvre and no lane change of the kind that is looked for.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from highd_lc.algorithms.track_index import ABSENT, TIE
 from highd_lc.core.kinematics import local_polynomial
 from highd_lc.vocab import names
 
@@ -20,15 +23,15 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 OUTSIDE = 0
-ABSENT = -1
 
 
 @dataclass(frozen=True)
 class Rule:
-    """Numbers of the rule. smoothing_s: width of the local quadratic [s]; speed [m/s] and acceleration
-    [m/s^2]: what counts as near zero; persistence_s: how long the speed stays so [s]; clearance_m: distance
-    from the marking that start and end need [m]; flicker_s: lane ids that change back within this time are one
-    crossing [s]; min_shift_m: smallest lateral shift [m].
+    """Numbers of the rule. smoothing_s: width of the local quadratic [s]; speed [m/s] and acceleration [m/s^2]:
+    below them it is near zero; persistence_s: how long the speed stays so [s]; clearance_m: distance from the
+    marking that start and end need [m]; rest_s: time in the lane between two changes that keeps them apart [s];
+    flicker_s: lane ids that change back within this time are one crossing [s]; min_shift_m: smallest lateral
+    shift [m].
     """
 
     smoothing_s: float
@@ -36,6 +39,7 @@ class Rule:
     acceleration: float
     persistence_s: float
     clearance_m: float
+    rest_s: float
     flicker_s: float
     min_shift_m: float
 
@@ -44,7 +48,7 @@ class Rule:
 class LaneChange:
     """One lane-id change. crossing: its first sample in the target lane; start, end: samples, -1 = not found;
     origin, target: lanes, 0 = outside; reason: why it is no complete lane change, empty if it is; peak_speed:
-    largest lateral speed towards the target between start and end [m/s], NaN if it is not complete.
+    largest lateral speed towards the target between start and end [m/s], NaN unless both are found.
     """
 
     crossing: int
@@ -58,28 +62,45 @@ class LaneChange:
 
 @dataclass(frozen=True)
 class Path:
-    """One vehicle's samples: frame, lane (0 = outside), y [m, left positive], each of shape (n,); rate [Hz]."""
+    """One vehicle's samples: frame, lane (0 = outside), y [m, left positive], each of shape (n,). markings: y of
+    the carriageway's markings from its right edge on [m], ascending; rate: frames a second [Hz].
+    """
 
     frame: IntArray
     lane: IntArray
     y: FloatArray
+    markings: FloatArray
     rate: float
+
+    def marking(self, origin: int, target: int) -> float:
+        """Lateral position of the marking between two adjacent lanes [m], lane 1 = rightmost."""
+        return float(self.markings[min(origin, target)])
+
+    def seconds(self, first: int, last: int) -> float:
+        """Time between two samples [s]."""
+        return float(self.frame[last] - self.frame[first]) / self.rate
 
 
 def find_lane_changes(path: Path, rule: Rule) -> list[LaneChange]:
     """Every lane-id change of a vehicle, in order, classified by the vehicle's own motion alone."""
-    crossings = 1 + np.flatnonzero(np.diff(path.lane))
+    crossings = 1 + np.flatnonzero(path.lane[1:] != path.lane[:-1])
     if len(crossings) == 0:
         return []
     smooth = local_polynomial(path.y, path.rate, window_s=rule.smoothing_s)
     changes = [LaneChange(int(c), int(path.lane[c - 1]), int(path.lane[c])) for c in crossings]
     groups = _group_flicker(changes, path, rule)
-    found: list[LaneChange] = []
-    for place, group in enumerate(groups):
-        before = groups[place - 1][-1] if place else None
-        after = groups[place + 1][0] if place + 1 < len(groups) else None
-        found += _judge_group(group, path, smooth, rule=rule, before=before, after=after)
-    return found
+    mains = [_main(group, path, smooth) for group in groups]
+    bounds = [0, *(main.crossing for main in mains), len(path.y)]
+    found = [
+        _located(main, path, smooth, rule=rule, bounds=(bounds[place], bounds[place + 2]))
+        for place, main in enumerate(mains)
+    ]
+    judged = _without_rest_between(found, path, rule)
+    return [
+        judged[place] if change is mains[place] else replace(change, reason=_minor_reason(group))
+        for place, group in enumerate(groups)
+        for change in group
+    ]
 
 
 def _group_flicker(changes: Sequence[LaneChange], path: Path, rule: Rule) -> list[list[LaneChange]]:
@@ -87,66 +108,65 @@ def _group_flicker(changes: Sequence[LaneChange], path: Path, rule: Rule) -> lis
     groups: list[list[LaneChange]] = []
     for change in changes:
         last = groups[-1][-1] if groups else None
-        if last and last.origin == change.target and _seconds(path, last, change) <= rule.flicker_s:
+        if last and _is_reverse(last, change):
+            soon = path.seconds(last.crossing, change.crossing) <= rule.flicker_s + TIE
+        else:
+            soon = False
+        if soon:
             groups[-1].append(change)
         else:
             groups.append([change])
     return groups
 
 
-def _seconds(path: Path, first: LaneChange, second: LaneChange) -> float:
-    return float(path.frame[second.crossing] - path.frame[first.crossing]) / path.rate
+def _is_reverse(first: LaneChange, second: LaneChange) -> bool:
+    return first.origin == second.target and first.target == second.origin
 
 
-def _judge_group(
-    group: Sequence[LaneChange],
-    path: Path,
-    smooth: FloatArray,
-    *,
-    rule: Rule,
-    before: LaneChange | None,
-    after: LaneChange | None,
-) -> list[LaneChange]:
-    """The group's change nearest to the smoothed crossing stands for it; the others are flicker."""
+def _main(group: Sequence[LaneChange], path: Path, smooth: FloatArray) -> LaneChange:
+    """The change that stands for its group: of those to the group's last lane the nearest to the smoothed
+    crossing. A group that ends where it began has returned.
+    """
     if len(group) % 2 == 0:
-        return [replace(change, reason=names.RETURNED) for change in group]
-    marking = float(np.mean([(path.y[c.crossing - 1] + path.y[c.crossing]) / 2 for c in group]))
-    main = min(group[::2], key=lambda change: abs(float(smooth[0, change.crossing]) - marking))
-    judged = _judge(main, path, smooth - [[marking], [0.0], [0.0]], rule=rule, before=before, after=after)
-    return [judged if change is main else replace(change, reason=names.FLICKER) for change in group]
+        return replace(group[0], reason=names.RETURNED)
+    marking = path.marking(group[0].origin, group[0].target)
+    return min(group[::2], key=lambda change: round(abs(float(smooth[0, change.crossing]) - marking), 6))
 
 
-def _judge(
-    change: LaneChange,
-    path: Path,
-    smooth: FloatArray,
-    *,
-    rule: Rule,
-    before: LaneChange | None,
-    after: LaneChange | None,
+def _minor_reason(group: Sequence[LaneChange]) -> str:
+    return names.FLICKER if len(group) % 2 else names.RETURNED
+
+
+def _located(
+    change: LaneChange, path: Path, smooth: FloatArray, *, rule: Rule, bounds: tuple[int, int]
 ) -> LaneChange:
-    """Find start and end of a change. smooth: distance left of the marking, its speed and acceleration."""
-    if reason := _refusal(change, path):
+    """The change with start and end, sought between the crossings before and after it (bounds)."""
+    reason = change.reason or _refusal(change, path)
+    if reason:
         return replace(change, reason=reason)
     first, last = _unbroken(path.frame, change.crossing)
-    towards = smooth * (change.target - change.origin)
-    begin = max(first, before.crossing) if before else first
-    stop = min(last, after.crossing - 1) if after else last
-    needed = 1 + round(rule.persistence_s * path.rate)
-    limits = np.array([rule.clearance_m, rule.speed, rule.acceleration])
-    crossing = change.crossing
-    found = replace(
-        change,
-        start=_first_rest(towards, crossing - 1, crossing - begin, -1, begin == first, needed, limits),
-        end=_first_rest(towards, crossing, stop - crossing + 1, 1, stop == last, needed, limits),
-    )
-    reasons = [
-        _why_no_rest(found, before, cut=names.CUT_BEFORE_START, broken=first > 0) if found.start == ABSENT else "",
-        _why_no_rest(found, after, cut=names.CUT_AFTER_END, broken=last < len(path.y) - 1)
-        if found.end == ABSENT
-        else "",
-    ]
-    return _with_verdict(found, [reason for reason in reasons if reason], path, towards[1], rule=rule)
+    begin, stop = max(first, bounds[0]), min(last, bounds[1] - 1)
+    towards = smooth - np.array([[path.marking(change.origin, change.target)], [0.0], [0.0]])
+    towards *= change.target - change.origin
+    limits = np.array([rule.clearance_m, rule.speed, rule.acceleration]) - TIE
+    needed, crossing = 1 + round(rule.persistence_s * path.rate), change.crossing
+    start = _first_rest(towards, crossing - 1, crossing - begin, -1, begin == first, needed, limits)
+    end = _first_rest(towards, crossing, stop - crossing + 1, 1, stop == last, needed, limits)
+    found = replace(change, start=start, end=end)
+    if start == ABSENT and begin == first:
+        return replace(found, reason=names.CUT_BEFORE_START if first == 0 else names.TRACK_HOLE)
+    if end == ABSENT and stop == last:
+        return replace(found, reason=names.CUT_AFTER_END if last == len(path.y) - 1 else names.TRACK_HOLE)
+    return _sized(found, path, towards[1], rule)
+
+
+def _sized(change: LaneChange, path: Path, speed: FloatArray, rule: Rule) -> LaneChange:
+    """A change with its peak speed, refused if its lateral shift is small."""
+    if ABSENT in (change.start, change.end):
+        return change
+    shift = (path.y[change.end] - path.y[change.start]) * (change.target - change.origin)
+    reason = "" if shift >= rule.min_shift_m - TIE else names.SMALL_SHIFT
+    return replace(change, reason=reason, peak_speed=float(speed[change.start : change.end + 1].max()))
 
 
 def _refusal(change: LaneChange, path: Path) -> str:
@@ -160,7 +180,7 @@ def _refusal(change: LaneChange, path: Path) -> str:
 
 def _unbroken(frame: IntArray, sample: int) -> tuple[int, int]:
     """First and last sample of the run of consecutive frames around a sample."""
-    holes = 1 + np.flatnonzero(np.diff(frame) != 1)
+    holes = 1 + np.flatnonzero(frame[1:] != frame[:-1] + 1)
     place = int(np.searchsorted(holes, sample, side="right"))
     first = int(holes[place - 1]) if place else 0
     last = int(holes[place]) - 1 if place < len(holes) else len(frame) - 1
@@ -180,30 +200,37 @@ def _first_rest(
     """
     for place in range(count):
         sample = first + step * place
-        at_rest = abs(towards[2, sample]) < limits[2] and abs(towards[0, sample]) >= limits[0]
-        if not at_rest or towards[1, sample] >= limits[1]:
+        slow = abs(towards[1, sample]) < limits[1] and abs(towards[2, sample]) < limits[2]
+        if not slow or abs(towards[0, sample]) < limits[0]:
             continue
-        slow = place + 1
-        while slow < min(count, place + needed) and towards[1, first + step * slow] < limits[1]:
-            slow += 1
-        if slow == place + needed or (slow == count and open_ended):
+        reach = place + 1
+        while reach < min(count, place + needed) and towards[1, first + step * reach] < limits[1]:
+            reach += 1
+        if reach == place + needed or (reach == count and open_ended):
             return sample
     return ABSENT
 
 
-def _why_no_rest(change: LaneChange, other: LaneChange | None, *, cut: str, broken: bool) -> str:
-    """Why a start or end was not found: another change (other) came first, the track broke off or ended."""
-    if other is not None:
-        back = other.origin == change.target and other.target == change.origin
-        return names.RETURNED if back else names.SECOND_CHANGE
-    return names.TRACK_HOLE if broken else cut
+def _without_rest_between(found: Sequence[LaneChange], path: Path, rule: Rule) -> list[LaneChange]:
+    """Changes of one manoeuvre named as such: both of each pair without enough rest between them."""
+    judged = list(found)
+    for place, (first, second) in enumerate(pairwise(found)):
+        if _is_one_manoeuvre(first, second, path, rule):
+            reason = names.RETURNED if _is_reverse(first, second) else names.SECOND_CHANGE
+            for index in (place, place + 1):
+                judged[index] = replace(judged[index], reason=_earlier(judged[index].reason, reason))
+    return judged
 
 
-def _with_verdict(
-    change: LaneChange, reasons: list[str], path: Path, speed: FloatArray, *, rule: Rule
-) -> LaneChange:
-    if reasons:
-        return replace(change, reason=min(reasons, key=names.REASONS.index))
-    shift = (path.y[change.end] - path.y[change.start]) * (change.target - change.origin)
-    peak = float(speed[change.start : change.end + 1].max())
-    return replace(change, reason="" if shift >= rule.min_shift_m else names.SMALL_SHIFT, peak_speed=peak)
+def _is_one_manoeuvre(first: LaneChange, second: LaneChange, path: Path, rule: Rule) -> bool:
+    frames = path.frame[second.crossing] - path.frame[first.crossing]
+    if frames != second.crossing - first.crossing:
+        return False  # nobody saw what happened in between
+    if ABSENT in (first.end, second.start):
+        return True
+    return path.seconds(first.end, second.start) < rule.rest_s - TIE
+
+
+def _earlier(first: str, second: str) -> str:
+    """The reason that is tested first; empty is no reason."""
+    return min((reason for reason in (first, second) if reason), key=names.REASONS.index)

@@ -5,10 +5,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from highd_lc.algorithms.track_index import ABSENT, TIE
+
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
-NOBODY = -1
+NOBODY = ABSENT
 
 
 @dataclass(frozen=True)
@@ -57,15 +59,15 @@ def neighbours(ego: Ego, lane: Lane, *, max_link_m: float, max_followers: int) -
     leaders, followers = np.flatnonzero(ahead), np.flatnonzero(~ahead)
     followers = followers[np.argsort(-lane.front[followers], kind="stable")]
     links = -np.diff(lane.front[followers], prepend=ego.front)
-    reached = followers[: int(np.argmax(np.append(links, np.inf) > max_link_m))][:max_followers]
+    reached = followers[: int(np.argmax(np.append(links, np.inf) > max_link_m + TIE))][:max_followers]
     return Neighbours(
         leader=int(lane.vehicle[leaders[np.argmin(lane.front[leaders])]]) if len(leaders) else NOBODY,
         followers=tuple(int(v) for v in lane.vehicle[reached]),
-        follower_ahead=bool(len(reached) and lane.front[reached[0]] >= ego.front),
+        follower_ahead=bool(len(reached) and lane.front[reached[0]] >= ego.front - TIE),
     )
 
 
 def _is_ahead(ego: Ego, lane: Lane) -> NDArray[np.bool_]:
-    alongside = (lane.rear < ego.front) & (lane.front > ego.rear)
+    alongside = (lane.rear < ego.front - TIE) & (lane.front > ego.rear + TIE)
     later = np.where(np.isnan(lane.later_front), lane.front - ego.front, lane.later_front - ego.later_front)
-    return np.where(alongside, later > 0, lane.front > ego.front)
+    return np.where(alongside, later > TIE, lane.front > ego.front)

@@ -10,6 +10,9 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 ABSENT = -1
+# Positions are sums of numbers rounded to 0.01: a difference below this is rounding of the sum. Comparisons allow
+# for it, so that a tie falls to the same side however the sum was formed, as in a mirrored recording.
+TIE = 1e-6
 
 
 @njit(cache=True, nogil=True)
@@ -82,8 +85,9 @@ class Traffic:
     """All vehicles of a recording in road coordinates.
 
     x, y: box centres [m]; lane: 0 = outside the markings; leader_id: recorded leader, 0 = none; each of shape
-    (rows,), in the rows of ``index``. ids, direction (1 or 2), length [m]: of shape (vehicles,). entry, stop:
-    first and last x used for calibration, indexed by direction [m]. rate: frames a second [Hz].
+    (rows,), in the rows of ``index``. ids, direction (1 or 2), length [m]: of shape (vehicles,). markings: y of
+    the lane markings from the right edge on [m], of each direction; entry, stop: first and last x used for
+    calibration [m], indexed by direction. rate: frames a second [Hz].
     """
 
     index: TrackIndex
@@ -94,6 +98,7 @@ class Traffic:
     ids: IntArray
     direction: IntArray
     length: FloatArray
+    markings: dict[int, FloatArray]
     entry: FloatArray
     stop: FloatArray
     rate: float

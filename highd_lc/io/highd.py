@@ -14,10 +14,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from highd_lc.io.highd_csv import fault
 from highd_lc.io.highd_metas import RecordingMeta, VehicleMetas, read_recording_meta, read_vehicle_metas
 from highd_lc.io.highd_road import Road, to_road
 from highd_lc.io.highd_rows import read_rows
-from highd_lc.vocab.errors import InputError
 
 IntArray = NDArray[np.int64]
 
@@ -42,10 +42,10 @@ def discover(data: Path) -> list[int]:
     Raises InputError if the folder is missing or holds none.
     """
     if not data.is_dir():
-        raise InputError(f"{data}: not a folder")
+        raise fault(data, "not a folder")
     found = {int(match[1]) for path in data.iterdir() if (match := _FILE.fullmatch(path.name))}
     if not found:
-        raise InputError(f"{data}: no file named like 01_tracks.csv")
+        raise fault(data, "no file named like 01_tracks.csv")
     return sorted(found)
 
 
@@ -63,7 +63,7 @@ def _file(data: Path, recording: int, kind: str) -> Path:
     candidates = [usual, data / f"{recording}_{kind}.csv", data / f"{recording:03d}_{kind}.csv"]
     found = [path for path in candidates if path.is_file()]
     if not found:
-        raise InputError(f"{usual}: not found")
+        raise fault(usual, "not found")
     return found[0]
 
 

@@ -45,6 +45,12 @@ class Field:
         return None
 
 
+def fault(path: Path, text: str, *, column: str = "", row: int = 0) -> InputError:
+    """The error for a fault in an input file. row: line of the file, 1 = header, 0 = none."""
+    place = ", ".join([*([f"row {row}"] if row else []), *([f"column {column!r}"] if column else [])])
+    return InputError(f"{path}: {place}: {text}" if place else f"{path}: {text}")
+
+
 _TYPES = {int: pa.int64(), float: pa.float64(), str: pa.string()}
 
 
@@ -129,11 +135,11 @@ def _is_faulty(values: Array, field: Field) -> bool:
 def _checked_header(path: Path, fields: Sequence[Field]) -> list[str]:
     header = next(_lines(path), (0, []))[1]
     if not any(header):
-        raise InputError(f"{path}: empty file")
+        raise fault(path, "empty file")
     for field in fields:
         if header.count(field.name) != 1:
-            fault = "is missing" if field.name not in header else "is there more than once"
-            raise InputError(f"{path}: column {field.name!r} {fault}")
+            text = "is missing" if field.name not in header else "is there more than once"
+            raise fault(path, text, column=field.name)
     return header
 
 
@@ -145,9 +151,9 @@ def _lines(path: Path) -> Iterator[tuple[int, list[str]]]:
             for cells in reader:
                 yield reader.line_num, [cell.strip() for cell in cells]
     except FileNotFoundError:
-        raise InputError(f"{path}: not found") from None
+        raise fault(path, "not found") from None
     except (OSError, csv.Error) as error:
-        raise InputError(f"{path}: cannot be read: {error}") from error
+        raise fault(path, f"cannot be read: {error}") from error
 
 
 def _raise_first_fault(path: Path, fields: Sequence[Field], otherwise: str) -> NoReturn:
@@ -159,8 +165,8 @@ def _raise_first_fault(path: Path, fields: Sequence[Field], otherwise: str) -> N
         if not any(cells):
             continue
         if len(cells) != len(header):
-            raise InputError(f"{path}: row {row}: {len(cells)} cells, the header has {len(header)}")
+            raise fault(path, f"{len(cells)} cells, the header has {len(header)}", row=row)
         for place, field in places:
-            if fault := field.fault(cells[place]):
-                raise InputError(f"{path}: row {row}, column {field.name!r}: {fault}")
-    raise InputError(f"{path}: {otherwise}")
+            if text := field.fault(cells[place]):
+                raise fault(path, text, column=field.name, row=row)
+    raise fault(path, otherwise)

@@ -6,9 +6,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from highd_lc.io.highd_csv import Field, read_columns
+from highd_lc.io.highd_csv import Field, fault, read_columns
 from highd_lc.vocab import names
-from highd_lc.vocab.errors import InputError
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -74,10 +73,10 @@ def read_recording_meta(path: Path) -> RecordingMeta:
     """Read ``RR_recordingMeta.csv``. Raises InputError if it is not one row of sound values."""
     columns = read_columns(path, _RECORDING_FIELDS)
     if len(columns["frameRate"]) != 1:
-        raise InputError(f"{path}: {len(columns['frameRate'])} rows, expected 1")
+        raise fault(path, f"{len(columns['frameRate'])} rows, expected 1")
     upper, lower = (_markings(path, name, str(columns[name][0])) for name in _MARKINGS)
     if upper[-1] > lower[0]:
-        raise InputError(f"{path}: row 2, column {_MARKINGS[1]!r}: begins above the upper carriageway's end")
+        raise fault(path, "begins above the end of the upper carriageway", column=_MARKINGS[1], row=2)
     return RecordingMeta(
         frame_rate=float(columns["frameRate"][0]),
         location=int(columns["locationId"][0]),
@@ -87,13 +86,12 @@ def read_recording_meta(path: Path) -> RecordingMeta:
 
 
 def _markings(path: Path, column: str, text: str) -> FloatArray:
-    place = f"{path}: row 2, column {column!r}"
     try:
         values = np.array([float(cell) for cell in text.split(";")])
     except ValueError:
-        raise InputError(f"{place}: {text[:60]!r} is no list of numbers separated by ';'") from None
+        raise fault(path, f"{text[:60]!r} is no list of numbers separated by ';'", column=column, row=2) from None
     if len(values) < 2 or not np.all(np.isfinite(values)) or not np.all(np.diff(values) > 0):
-        raise InputError(f"{place}: {text[:60]!r} is not two or more ascending numbers")
+        raise fault(path, f"{text[:60]!r} is not two or more ascending numbers", column=column, row=2)
     return values
 
 
@@ -101,14 +99,14 @@ def read_vehicle_metas(path: Path) -> VehicleMetas:
     """Read ``RR_tracksMeta.csv``. Raises InputError if it names no vehicle, one twice, or a strange class."""
     columns = read_columns(path, _VEHICLE_FIELDS)
     if len(columns["id"]) == 0:
-        raise InputError(f"{path}: no vehicles")
+        raise fault(path, "no vehicles")
     order = np.argsort(columns["id"], kind="stable")
     doubled = np.flatnonzero(np.diff(columns["id"][order]) == 0)
     if len(doubled):
-        row = order[doubled[0] + 1] + 2
-        raise InputError(f"{path}: row {row}, column 'id': {columns['id'][row - 2]} is there twice")
+        row = int(order[doubled[0] + 1])
+        raise fault(path, f"{columns['id'][row]} is there twice", column="id", row=row + 2)
     strange = np.flatnonzero(~np.isin(columns["class"], names.CLASSES))
     if len(strange):
         found, allowed = str(columns["class"][strange[0]])[:40], " or ".join(names.CLASSES)
-        raise InputError(f"{path}: row {strange[0] + 2}, column 'class': {found!r} is not {allowed}")
+        raise fault(path, f"{found!r} is not {allowed}", column="class", row=int(strange[0]) + 2)
     return VehicleMetas(*(columns[field.name][order] for field in _VEHICLE_FIELDS))

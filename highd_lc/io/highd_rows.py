@@ -7,9 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from highd_lc.algorithms.track_index import TrackIndex
-from highd_lc.io.highd_csv import Field, read_columns
+from highd_lc.io.highd_csv import Field, fault, read_columns
 from highd_lc.io.highd_metas import LARGEST_FRAME, LARGEST_ID, VehicleMetas
-from highd_lc.vocab.errors import InputError
 
 IntArray = NDArray[np.int64]
 Columns = dict[str, NDArray[np.float64] | IntArray]
@@ -50,7 +49,7 @@ def read_rows(path: Path, vehicles: VehicleMetas) -> Rows:
     """
     columns = read_columns(path, _FIELDS)
     if len(columns["id"]) == 0:
-        raise InputError(f"{path}: no rows")
+        raise fault(path, "no rows")
     dropped = np.zeros(len(vehicles.id), dtype=np.int64)
     index = TrackIndex.of(columns["id"], columns["frame"])
     _refuse_strangers(path, columns["id"], index.starts[:-1], vehicles=vehicles)
@@ -67,17 +66,15 @@ def read_rows(path: Path, vehicles: VehicleMetas) -> Rows:
 def _refuse_strangers(path: Path, ids: IntArray, runs: IntArray, *, vehicles: VehicleMetas) -> None:
     unknown = runs[~np.isin(ids[runs], vehicles.id)]
     if len(unknown):
-        raise InputError(
-            f"{path}: row {unknown[0] + 2}, column 'id': vehicle {ids[unknown[0]]} has no row in the tracksMeta file"
-        )
+        row = int(unknown[0])
+        raise fault(path, f"vehicle {ids[row]} has no row in the tracksMeta file", column="id", row=row + 2)
 
 
 def _refuse_absent(path: Path, ids: IntArray, vehicles: VehicleMetas) -> None:
     absent = np.setdiff1d(vehicles.id, ids)
     if len(absent):
-        raise InputError(
-            f"{path}: column 'id': no row of vehicle {absent[0]}, one of {len(absent)} that the tracksMeta file lists"
-        )
+        text = f"no row of vehicle {absent[0]}, one of {len(absent)} that the tracksMeta file lists"
+        raise fault(path, text, column="id")
 
 
 def _is_ordered(ids: IntArray, index: TrackIndex) -> bool:
@@ -100,9 +97,7 @@ def _doubled(path: Path, columns: Columns, place: IntArray) -> IntArray:
     for name, values in columns.items():
         different = again[values[again] != values[again - 1]]
         if len(different):
-            row = place[different[0]]
-            raise InputError(
-                f"{path}: row {row + 2}, column {name!r}: contradicts another row of vehicle {ids[different[0]]} in "
-                f"frame {frames[different[0]]}"
-            )
+            vehicle, moment = ids[different[0]], frames[different[0]]
+            text = f"contradicts another row of vehicle {vehicle} in frame {moment}"
+            raise fault(path, text, column=name, row=int(place[different[0]]) + 2)
     return again

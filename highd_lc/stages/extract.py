@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from highd_lc.algorithms.event_rows import RoleRows, role_rows
 from highd_lc.algorithms.extraction import Crossing, find_crossings
-from highd_lc.algorithms.lane_change import ABSENT, Rule
+from highd_lc.algorithms.lane_change import Rule
 from highd_lc.algorithms.neighbours import NOBODY
-from highd_lc.algorithms.track_index import TrackIndex, Traffic
+from highd_lc.algorithms.track_index import ABSENT, TrackIndex, Traffic
 from highd_lc.io import artefacts, tracks_file
 from highd_lc.io.tracks_file import TrackArrays
 from highd_lc.vocab import names
@@ -67,6 +67,7 @@ def _load(job: Job) -> _Recording:
         ids=vehicles["vehicle_id"].to_numpy(),
         direction=vehicles["driving_direction"].to_numpy(),
         length=vehicles["length"].to_numpy(),
+        markings=dict(zip(carriageways["driving_direction"], carriageways["markings"], strict=True)),
         entry=_by_direction(carriageways, "entry_m") + trim,
         stop=_by_direction(carriageways, "exit_m") - trim,
         rate=float(carriageways["frame_rate"].iloc[0]),
@@ -87,6 +88,7 @@ def _rule(settings: ExtractSettings) -> Rule:
         acceleration=settings.lateral_acceleration_mps2,
         persistence_s=settings.persistence_s,
         clearance_m=settings.clearance_m,
+        rest_s=settings.rest_s,
         flicker_s=settings.flicker_s,
         min_shift_m=settings.min_shift_m,
     )

@@ -65,6 +65,10 @@ class ExtractSettings(Section):
         float,
         Field(ge=0, le=2, description="distance from the crossed marking that start and end need [m]"),
     ] = 0.5
+    rest_s: Annotated[
+        float,
+        Field(ge=0, le=10, description="time in its lane between two changes that keeps them apart [s]"),
+    ] = 1.0
     flicker_s: Annotated[
         float,
         Field(ge=0, le=5, description="lane ids that change back within this time are one crossing [s]"),
@@ -195,6 +199,37 @@ class StatisticsSettings(Section):
     tie_band: Annotated[float, Field(ge=0, lt=1, description="relative difference that counts as a tie")] = 0.001
 
 
+class StudySettings(Section):
+    """Scores under what was not optimised, and studies on a stratified, seeded sample (SPEC section 12)."""
+
+    sample: Annotated[
+        int, Field(ge=0, le=100000, description="events in the sample: Pareto, uncertainty, horizon; 0 = none")
+    ] = 50
+    chosen: Annotated[
+        tuple[str, ...], Field(description="ids of events to study instead of a sample; empty = sample")
+    ] = ()
+    draws: Annotated[
+        int, Field(ge=1, le=1000, description="K: parameter draws within each follower's spread (all events)")
+    ] = 20
+    replans: Annotated[
+        int, Field(ge=1, le=1000, description="draws with which an event of the sample is planned again")
+    ] = 10
+    horizons_s: Annotated[
+        tuple[Annotated[float, Field(ge=2, le=60, multiple_of=0.5)], ...],
+        Field(description="H of the sensitivity [s], each at most loss.horizon_s (SPEC section 4)"),
+    ] = (5.0, 8.0, 10.0)
+    omegas: Annotated[
+        tuple[Annotated[float, Field(ge=0, le=1)], ...],
+        Field(min_length=2, description="weights of the AV in the sweep beside the Pareto front (SPEC 13)"),
+    ] = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0)
+    population: Annotated[int, Field(ge=8, le=10000, description="NSGA-II population")] = 60
+    generations: Annotated[int, Field(ge=1, le=10000, description="NSGA-II generations")] = 40
+    solver_sample: Annotated[
+        int, Field(ge=0, le=100000, description="events in the sample on which SLSQP is compared; 0 = none")
+    ] = 12
+    solver_starts: Annotated[int, Field(ge=1, le=1000, description="starts of SLSQP")] = 5
+
+
 class ValidateSettings(Section):
     """Replaying each event through the planner and the MPC."""
 
@@ -203,6 +238,7 @@ class ValidateSettings(Section):
     planner: PlannerSettings = PlannerSettings()
     tracking: TrackingSettings = TrackingSettings()
     statistics: StatisticsSettings = StatisticsSettings()
+    studies: StudySettings = StudySettings()
 
 
 class ReportSettings(Section):
