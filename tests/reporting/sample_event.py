@@ -99,6 +99,14 @@ def fit_trace() -> FitTrace:
     return FitTrace(t, spacing, spacing + 0.2, V0 + np.cos(t), V0 + 0.98 * np.cos(t))
 
 
+def tracking_row(policy: str) -> dict[str, Any]:
+    return {
+        "event_id": EVENT_ID, "recording_id": 7, "policy": policy, "plant": "kinematic", "status": "tracked",
+        "rmse_lateral_m": 0.003, "max_lateral_m": 0.009, "rmse_longitudinal_m": 0.02, "rmse_heading_rad": 0.0004,
+        "max_slack": 0.0, "qp_failures": 0, "loss_av_tracked": 12.31, "loss_av_planned": 12.25, "violations": [],
+    }  # fmt: skip
+
+
 def track_trace(policy: str) -> TrackTrace:
     t = np.arange(45) * DT
     return TrackTrace(policy, "kinematic", t, 0.004 * np.sin(t), 0.01 * np.cos(t), V0 + t, 0.01 * np.sin(t))
@@ -142,7 +150,7 @@ def sample_event(p: int = 3) -> EventReport:
         losses=tuple(loss_row(q, a, 0.2 * i, p) for i, q in enumerate(of) for a in names.ACCOUNTINGS),
         fits=tuple(fit_row(rank) for rank in range(1, p + 1)),
         fit_traces={1: fit_trace(), 2: fit_trace()},
-        tracking=(),
+        tracking=(tracking_row(names.BENCHMARK), tracking_row(names.LOCAL_OPTIMUM)),
         track_traces=(track_trace(names.BENCHMARK), track_trace(names.LOCAL_OPTIMUM)),
         surface=surface(),
         provenance=(("code", "0.1.0"), ("seed", "1")),

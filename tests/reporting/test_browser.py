@@ -1,0 +1,276 @@
+"""Pages in a real browser: they play, scrub, sort and filter from disk, quietly, asking for nothing."""
+
+import pytest
+from browser import Watched, chromium
+from sample_event import infeasible_event, sample_event
+from sample_run import followers, matrix, sample_run, sample_summary, summary_lcm
+
+from highd_lc.reporting.pages_event import Links, event_page
+from highd_lc.reporting.pages_index import index_page
+from highd_lc.reporting.pages_population import calibration_page, dictionary_page, excluded_page, matrix_page
+from highd_lc.reporting.pages_summary import summary_page
+
+EVENTS = 8400
+
+
+@pytest.fixture(scope="module")
+def browser():
+    with chromium() as browser:
+        yield browser
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    root = tmp_path_factory.mktemp("reports")
+    (root / "events").mkdir()
+    pages = {
+        "index.html": index_page(sample_run(EVENTS)),
+        "summary.html": summary_page(sample_summary()),
+        "matrix.html": matrix_page(matrix()),
+        "calibration.html": calibration_page(summary_lcm(), followers()),
+        "excluded.html": excluded_page(sample_run().crossings),
+        "dictionary.html": dictionary_page(),
+        "events/event.html": event_page(sample_event(), Links()),
+        "events/infeasible.html": event_page(infeasible_event(), Links()),
+    }
+    for name, text in pages.items():
+        (root / name).write_text(text, encoding="utf-8")
+    return root
+
+
+@pytest.fixture
+def opened(browser, folder):
+    watched = []
+
+    def open_page(name, **options):
+        watched.append(Watched(browser, folder / name, **options))
+        return watched[-1].page
+
+    yield open_page
+    for one in watched:
+        one.close()
+
+
+def until(page, condition) -> None:
+    # Playwright's own waiting needs eval, which the pages' content security policy forbids.
+    for _ in range(300):
+        if condition():
+            return
+        page.wait_for_timeout(20)
+    raise AssertionError("waited in vain")
+
+
+def clock(page) -> float:
+    return float(page.inner_text("#clock").split()[0])
+
+
+def fill_of(page, selector: str) -> str:
+    return page.eval_on_selector(selector, "e => getComputedStyle(e).fill")
+
+
+def test_the_player_plays_and_pauses(opened):
+    page = opened("events/event.html")
+    page.select_option("#rate", "4")
+    page.click("#play")
+    until(page, lambda: clock(page) > 1.0)
+    page.click("#play")
+    stopped = clock(page)
+    page.wait_for_timeout(150)
+    assert clock(page) == stopped > 1.0
+
+
+def test_the_player_stops_at_the_end_and_starts_over(opened):
+    page = opened("events/event.html")
+    page.focus("#time")
+    page.keyboard.press("End")
+    assert clock(page) == 15.0
+    page.click("#play")
+    until(page, lambda: 0.0 < clock(page) < 10.0)
+    page.click("#play")
+
+
+def test_scrubbing_moves_vehicles_cursor_and_numbers_together(opened):
+    page = opened("events/event.html")
+    labels = lambda: page.eval_on_selector_all(".road text", "es => es.map(e => e.textContent)")  # noqa: E731
+    before = page.inner_text(".chart .legend"), page.get_attribute(".chart .cursor", "x1"), labels()
+    page.fill("#time", "4.2")
+    after = page.inner_text(".chart .legend"), page.get_attribute(".chart .cursor", "x1"), labels()
+    assert clock(page) == 4.2
+    assert all(a != b for a, b in zip(before, after, strict=True))
+
+
+def test_a_chart_can_be_dragged(opened):
+    page = opened("events/event.html")
+    page.locator("#charts .chart > svg").nth(1).click()
+    # The time axis reaches from 46 to 526 of 560 units.
+    assert clock(page) == pytest.approx(15 * (280 - 46) / (526 - 46), abs=0.1)
+
+
+def test_keys_step_jump_and_choose(opened):
+    page = opened("events/event.html")
+    page.keyboard.press("ArrowRight")
+    assert clock(page) == pytest.approx(0.1)
+    page.keyboard.press("Shift+ArrowRight")
+    assert clock(page) == pytest.approx(1.1)
+    page.keyboard.press("Home")
+    assert clock(page) == 0.0
+    policies = page.eval_on_selector_all("#policy option", "es => es.map(e => e.value)")
+    page.keyboard.press("2")
+    assert page.input_value("#policy") == policies[1]
+    page.keyboard.press(" ")
+    assert page.inner_text("#play") == "Pause"
+    page.keyboard.press(" ")
+
+
+def test_choosing_policies_redraws_scene_and_charts(opened):
+    page = opened("events/event.html")
+    page.select_option("#policy", "no_lane_change")
+    page.select_option("#compare", "human")
+    legend = page.inner_text("#charts .chart .legend")
+    assert "No lane change" in legend
+    assert "Human" in legend
+    assert page.locator(".road .ghost").count() == 4
+
+
+def test_the_numbers_at_the_cursor_are_those_of_the_motion(opened):
+    report = sample_event()
+    page = opened("events/event.html")
+    page.fill("#time", "3")
+    shown = page.locator("#charts .chart").nth(1).locator(".legend").inner_text()
+    value = float(shown.split("Local optimum")[1].split()[0])
+    assert value == pytest.approx(report.play("local_optimum").ego.v[30], abs=0.02)
+
+
+def test_the_accounting_chosen_is_the_only_one_shown(opened):
+    page = opened("events/event.html")
+    for accounting in ("paper", "equal", "follower_horizon"):
+        page.select_option("#accounting", accounting)
+        shown = page.eval_on_selector_all(
+            "[data-accounting]", "es => es.filter(e => !e.hidden).map(e => e.dataset.accounting)"
+        )
+        assert set(shown) == {accounting}
+
+
+def test_the_loss_surface_is_drawn_with_its_points(opened):
+    page = opened("events/event.html")
+    assert page.locator("#surface circle").count() == 4
+    first = page.get_attribute("#surface image", "href")
+    page.select_option("#quantity", "hv")
+    assert page.get_attribute("#surface image", "href") != first
+
+
+def test_fits_and_tracking_are_drawn(opened):
+    page = opened("events/event.html")
+    assert page.locator("[data-fit] path.line").count() == 2 * 2 * 2
+    assert page.locator("[data-track] path.line").count() == 4 * 2
+
+
+def test_every_figure_has_words(opened):
+    page = opened("events/event.html")
+    texts = page.eval_on_selector_all("svg[role=img]", "es => es.map(e => e.getAttribute('aria-label') || '')")
+    assert len(texts) >= 10
+    assert min(map(len, texts)) > 20
+
+
+def test_dark_and_light(opened):
+    dark = opened("events/event.html", dark=True)
+    ground = "getComputedStyle(document.body).backgroundColor"
+    assert dark.evaluate(ground) == "rgb(20, 23, 26)"
+    dark.click("#theme")
+    assert dark.evaluate(ground) == "rgb(255, 255, 255)"
+
+
+def test_the_ego_takes_the_colour_of_its_policy(opened):
+    page = opened("events/event.html")
+    first = fill_of(page, ".road .ego")
+    page.select_option("#policy", "benchmark")
+    assert fill_of(page, ".road .ego") != first
+
+
+def test_an_infeasible_event_offers_what_there_is(opened):
+    page = opened("events/infeasible.html")
+    offered = page.eval_on_selector_all("#policy option", "es => es.map(e => e.value)")
+    assert "benchmark" not in offered
+    assert page.input_value("#policy") == "human"
+    assert "meets all constraints" in page.inner_text(".notice >> nth=0")
+
+
+def test_printing_shows_content_without_controls(opened):
+    page = opened("events/event.html")
+    page.emulate_media(media="print")
+    assert not page.is_visible("#play")
+    assert page.is_visible("#road")
+    assert len(page.pdf(format="A4")) > 20_000
+
+
+def test_only_rows_in_view_are_in_the_document(opened):
+    page = opened("index.html")
+    assert page.locator("#events tbody tr:not(.gap)").count() < 80
+    page.evaluate("document.getElementById('events').scrollTop = 1e9")
+    until(page, lambda: page.eval_on_selector("#events tbody tr:last-child", "e => e.offsetHeight") < 5)
+    assert page.locator("#events tbody tr:not(.gap)").count() < 80
+
+
+def gains(page) -> list[float]:
+    texts = page.eval_on_selector_all(
+        "#events tbody tr:not(.gap) td:nth-child(10)", "es => es.map(e => e.textContent)"
+    )
+    return [float(text.replace("−", "-")) for text in texts]
+
+
+def test_best_and_worst_first(opened):
+    page = opened("index.html")
+    best = gains(page)
+    assert best == sorted(best, reverse=True)
+    page.click("#worst")
+    worst = gains(page)
+    assert worst == sorted(worst)
+    assert worst[0] < best[-1]
+
+
+def test_headers_sort_and_say_so(opened):
+    page = opened("index.html")
+    page.click("#events thead button >> text=Event")
+    ids = page.eval_on_selector_all("#events tbody a", "es => es.map(e => e.textContent)")
+    assert ids == sorted(ids)
+    assert page.get_attribute("#events thead th >> nth=0", "aria-sort") == "ascending"
+    page.click("#events thead button >> text=Event")
+    assert page.get_attribute("#events thead th >> nth=0", "aria-sort") == "descending"
+
+
+def test_filters_and_search_narrow_the_list(opened):
+    page = opened("index.html")
+    run = sample_run(EVENTS)
+    page.select_option("#direction", "right")
+    page.select_option("#ego_class", "Truck")
+    expected = ((run.events["direction"] == "right") & (run.events["ego_class"] == "Truck")).sum()
+    assert page.inner_text("#count") == f"{expected} of {EVENTS} events"
+    page.click("#clear")
+    page.fill("#search", "01-0006 car")
+    assert page.inner_text("#count") == f"1 of {EVENTS} events"
+    assert page.get_attribute("#events tbody a", "href") == "events/01-0006-00142.html"
+
+
+def test_filter_by_gain(opened):
+    page = opened("index.html")
+    page.fill("#gain_from", "2")
+    page.fill("#gain_to", "3")
+    shown = gains(page)
+    assert min(shown) >= 2.0
+    assert max(shown) <= 3.0
+
+
+def test_another_form_and_accounting_changes_the_gains(opened):
+    page = opened("index.html")
+    before = gains(page)
+    page.select_option("#cell", "free/paper")
+    assert gains(page) != before
+
+
+@pytest.mark.parametrize("name", ["summary", "matrix", "calibration", "excluded", "dictionary"])
+def test_overview_pages_are_quiet(opened, name):
+    page = opened(f"{name}.html")
+    assert page.inner_text("h1")
+    assert page.get_attribute("nav a[aria-current=page]", "href") == f"{name}.html"
+    # Nothing but tables inside their own scroller is wider than the window.
+    assert page.evaluate("document.documentElement.scrollWidth <= innerWidth")
