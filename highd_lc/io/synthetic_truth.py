@@ -90,18 +90,19 @@ def _change(pieces: list[Record], kind: int) -> _Change:
     origin, target = int(path["origin"]), int(path["target"])
     time = np.concatenate([np.arange(piece["start"], piece["until"], _FINE) for piece in pieces])
     speed = np.concatenate([_lateral_speed(piece) for piece in pieces]) * np.sign(target - origin)
+    moving = np.flatnonzero(speed > MOVING)
     # The way back begins with the rest of the way out, and the way out ends where the way back begins.
-    forth = np.flatnonzero(speed >= 0)
-    moving = time[speed > MOVING]
+    away = np.flatnonzero(speed < 0)
+    before, after = away[away < moving[0]], away[away > moving[-1]]
     return _Change(
         int(path["vehicle"]),
         _KINDS.get(kind, "change"),
         origin,
         target,
-        start=float(time[forth[0]]),
-        end=float(time[forth[-1]]),
-        moving_from=float(moving[0]),
-        moving_to=float(moving[-1]),
+        start=float(time[before[-1] + 1 if len(before) else 0]),
+        end=float(time[after[0] - 1 if len(after) else -1]),
+        moving_from=float(time[moving[0]]),
+        moving_to=float(time[moving[-1]]),
     )
 
 

@@ -18,18 +18,18 @@ class RecorderSettings(BaseModel):
     section_m: Annotated[float, Field(ge=100, le=5000, description="length of road in view [m]")] = 420.0
     flow_veh_per_h: Annotated[
         float, Field(ge=50, le=2200, description="mean inflow a lane [veh/h] (all of HighD: about 1250)")
-    ] = 1350.0
+    ] = 1250.0
     flow_spread: Annotated[
         float,
         Field(ge=0, le=0.9, description="each recording's flow is drawn within this share of the mean"),
     ] = 0.15
     truck_share: Annotated[
         float, Field(ge=0, le=0.3, description="share of trucks of all vehicles (HighD: 0.19)")
-    ] = 0.15
+    ] = 0.19
     lane_change_rate: Annotated[
         float,
         Field(ge=0, le=5, description="how often a driver considers to change lane [1/s]"),
-    ] = 0.5
+    ] = 1.0
     return_share: Annotated[
         float,
         Field(ge=0, le=1, description="share of lane changes that are broken off after the crossing (A-B-A)"),

