@@ -134,10 +134,10 @@ def population_plans(n: int) -> tuple[list[Reference], list[float]]:
 def population() -> None:
     """The whole population on one core."""
     plans, wheelbases = population_plans(round(POPULATION * SHARE))
-    started = time.perf_counter()
+    wall, cpu = time.perf_counter(), time.process_time()
     results = track_many(plans, wheelbases=wheelbases, settings=TrackingSettings())
-    taken = (time.perf_counter() - started) / SHARE
-    print(f"  {POPULATION} plans on one core: {taken:.1f} s (asked: 20 s on two)")
+    wall, cpu = (time.perf_counter() - wall) / SHARE, (time.process_time() - cpu) / SHARE
+    print(f"  {POPULATION} plans on one core: {wall:.1f} s, {cpu:.1f} s of CPU (asked: 20 s on two cores)")
     lateral = np.concatenate([result.errors[:, 1] for result in results])
     unsolved = sum(result.qp_failures for result in results)
     statuses = {s: sum(r.status == s for r in results) for s in sorted({r.status for r in results})}

@@ -69,8 +69,8 @@ the car's limits. Runge-Kutta of order 4, {substeps} steps in 0.1 s.
 """
 
 INTEGRATION = """Largest difference of a pose [m, rad] between the step used and one of an eighth, over a lane
-change of 8 s. At low speed the wheels' spin is stiff; at high speed the tyre model jumps with the sign of the camber, so
-that the difference does not fall with the order of the method.
+change of 8 s. At low speed the wheels' spin is stiff; at high speed the tyre model jumps with the sign of the
+camber, so that the difference does not fall with the order of the method.
 """
 
 SWEEP = """The default is the first line: of the weights with which the bicycle stays within {kinematic} m sideways

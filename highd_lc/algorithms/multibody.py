@@ -29,7 +29,7 @@ SERVO = (10.0, 25.0)
 """Gains of the low-level map [1/s]: speed, steering."""
 SUBSTEPS = 50
 """Integration steps in a control interval of 0.1 s: 2 ms. Against an eighth of it the pose of a tracked plan
-differs by under 0.1 mm from 3 m/s up and by 5 mm at 1 m/s, where the wheels' spin is stiffest (docs/tracking.md)."""
+differs by under 0.1 mm from 3 m/s up and by 5 mm at 1 m/s, where the wheels' spin is stiffest."""
 
 
 def dynamics() -> ModuleType:
