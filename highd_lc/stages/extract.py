@@ -160,12 +160,22 @@ def _motion(recording: _Recording, event: Crossing) -> dict[str, object]:
 def _roles(recording: _Recording, event: Crossing) -> dict[str, object]:
     roles = event.roles
     return {
+        "gap_ahead_m": _gap(recording.traffic, event.start_frame, roles.target_leader, event.ego),
+        "gap_behind_m": _gap(recording.traffic, event.start_frame, event.ego, roles.followers[0]),
         "origin_leader_id": _id(recording, roles.origin_leader),
         "origin_follower_id": _id(recording, roles.origin_follower),
         "target_leader_id": _id(recording, roles.target_leader),
         "follower_ids": [int(recording.traffic.ids[follower]) for follower in roles.followers],
         "roles_confirmed": roles.confirmed,
     }
+
+
+def _gap(traffic: Traffic, frame: int, ahead: int, behind: int) -> float:
+    """Bumper-to-bumper gap between two vehicles [m], NaN without a vehicle ahead."""
+    if ahead == NOBODY:
+        return float("nan")
+    x_ahead, x_behind = (traffic.x[traffic.index.row(vehicle, frame)] for vehicle in (ahead, behind))
+    return float(_snapped(x_ahead - x_behind - (traffic.length[ahead] + traffic.length[behind]) / 2))
 
 
 def _id(recording: _Recording, vehicle: int) -> int | None:

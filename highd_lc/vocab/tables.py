@@ -138,6 +138,8 @@ EVENTS = Table(
         ),
         Column("target_leader_id", "int64", "ahead on the target lane at t_start; null = none", "", True, 1),
         Column("follower_ids", "list<int64>", "followers on the target lane at t_start, nearest first"),
+        _number("gap_ahead_m", "bumper to bumper, to the target leader at t_start; null without one", "m"),
+        _number("gap_behind_m", "bumper to bumper, from the first target follower at t_start", "m"),
         Column("roles_confirmed", "bool", "whether the file's leader ids say the same of all roles"),
     ),
 )
