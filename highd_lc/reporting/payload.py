@@ -124,7 +124,6 @@ def _play(play: Play, report: EventReport, step: float) -> dict[str, Any]:
         "policy": play.policy,
         "accountings": list(play.accountings),
         "T": round(play.T, 2) if np.isfinite(play.T) else None,
-        "rounded": play.measured and step > FINE_STEP,
         **_packed(channels, step if play.measured else FINE_STEP),
     }
 

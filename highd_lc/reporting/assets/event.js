@@ -1,25 +1,35 @@
 /* The page of one event: unpack the data, then keep plan view, charts and tables on one moment and one choice. */
 
+/* Levels to values: through the middle of every stair of one step, so that rounding does not show; jumps stay. */
+function unround(levels, step) {
+  const nodes = [];
+  for (let start = 0, end; start < levels.length; start = end + 1) {
+    end = start;
+    while (end + 1 < levels.length && levels[end + 1] === levels[start]) end++;
+    const stairBefore = start > 0 && Math.abs(levels[start] - levels[start - 1]) === 1;
+    const stairAfter = end + 1 < levels.length && Math.abs(levels[end + 1] - levels[end]) === 1;
+    if (!stairBefore) nodes.push([start, levels[start]]);
+    if ((stairBefore || stairAfter) && end > start) nodes.push([(start + end) / 2, levels[start]]);
+    if (!stairAfter || end === start) nodes.push([end, levels[end]]);
+  }
+  const values = new Float64Array(levels.length);
+  for (let k = 0, n = 0; k < levels.length; k++) {
+    while (n + 1 < nodes.length && nodes[n + 1][0] <= k) n++;
+    const [[x0, y0], [x1, y1]] = [nodes[n], nodes[Math.min(n + 1, nodes.length - 1)]];
+    values[k] = step * (x1 > x0 ? y0 + ((k - x0) * (y1 - y0)) / (x1 - x0) : y0);
+  }
+  return values;
+}
+
 function unpack(packed) {
   const data = new Int8Array(bytes(packed.data).buffer);
   let offset = 0;
   return packed.channels.map(([step, base, first, count]) => {
     let level = base;
-    const values = Float64Array.from(data.subarray(offset, offset + count), (delta) => (level += delta) * step);
+    const levels = Array.from(data.subarray(offset, offset + count), (delta) => (level += delta));
     offset += count;
-    return { first, values };
+    return { first, values: unround(levels, step) };
   });
-}
-
-/* Mean over five samples: takes the steps out of rounded values. */
-function smooth({ first, values }) {
-  const near = (k) => {
-    const half = Math.min(2, k, values.length - 1 - k);
-    let sum = 0;
-    for (let i = k - half; i <= k + half; i++) sum += values[i];
-    return sum / (2 * half + 1);
-  };
-  return { first, values: values.map((_, k) => near(k)) };
 }
 
 function spread({ first, values }, length, add) {
@@ -38,7 +48,7 @@ function decode(data) {
     return { x: spread(x, length, moving), y: spread(y, length), v: spread(v, length), a: spread(a, length) };
   };
   for (const play of data.plays) {
-    const channels = play.rounded ? unpack(play).map(smooth) : unpack(play);
+    const channels = unpack(play);
     play.ego = path(channels);
     play.jerk = spread(channels[4], length);
     play.followers = [];

@@ -1,0 +1,195 @@
+"""Figures of ingest and extraction: the funnel, the data's quality, the lane changes' distributions.
+
+Tables in, Figure out. Published numbers (all 60 recordings of HighD, SPEC section 11) are drawn beside ours.
+"""
+
+from typing import Final
+
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+
+from highd_lc.reporting.drawing import INK, LINE, QUIET
+from highd_lc.vocab import names
+
+_FONT: Final = 8.5
+_COLOURS: Final = {names.CAR: "#0072B2", names.TRUCK: "#D55E00"}
+_SIDES: Final = (names.LEFT, names.RIGHT, "")
+_SHADES: Final = {names.LEFT: 1.0, names.RIGHT: 0.6, "": 0.3}
+_LEGEND: Final = {"frameon": False, "fontsize": _FONT, "labelcolor": QUIET}
+PUBLISHED_MEAN_S: Final = {names.CAR: 5.70, names.TRUCK: 6.22}
+PUBLISHED_MEDIAN_S: Final = {names.CAR: 5.55, names.TRUCK: 6.08}
+PUBLISHED_COMPLETE: Final = (7674 + 746) / 13949
+"""Complete lane changes over lane-id changes, cars and trucks."""
+_INCOMPLETE: Final = frozenset(names.REASONS) - {names.FOLLOWER_AHEAD, names.NO_TARGET_FOLLOWER}
+
+
+def funnel_figure(crossings: pd.DataFrame) -> Figure:
+    """What becomes of the lane-id changes: each reason takes its share off, what is left are the events.
+
+    crossings: rows of ``crossings``. A bar is split by class (colour) and side (shade).
+    """
+    reasons = [reason for reason in names.REASONS if (crossings["reason"] == reason).any()]
+    rows = [("all lane-id changes", crossings, 0)]
+    left = len(crossings)
+    for reason in reasons:
+        taken = crossings[crossings["reason"] == reason]
+        left -= len(taken)
+        rows.append((reason.replace("_", " "), taken, left))
+    rows.append(("usable events", crossings[crossings["usable"]], 0))
+    figure = Figure(figsize=(7.6, 0.9 + 0.3 * len(rows)), facecolor="white", layout="constrained")
+    axes = _dressed(figure.add_subplot())
+    for place, (_, part, start) in enumerate(rows):
+        _split_bar(axes, place, part, start)
+    axes.set_yticks(range(len(rows)), [label for label, _, _ in rows])
+    axes.invert_yaxis()
+    axes.set_xlim(0, max(len(crossings), 1) * 1.12)
+    _label_x(axes, "lane-id changes")
+    _add_split_legend(axes, crossings)
+    return figure
+
+
+def _split_bar(axes: Axes, place: int, part: pd.DataFrame, start: int) -> None:
+    for kind in names.CLASSES:
+        for side in _SIDES:
+            n = int(((part["ego_class"] == kind) & (part["direction"] == side)).sum())
+            if n:
+                axes.barh(place, n, left=start, height=0.7, color=_COLOURS[kind], alpha=_SHADES[side])
+            start += n
+    axes.annotate(
+        str(len(part)), (start, place), xytext=(4, 0), textcoords="offset points",
+        va="center", fontsize=_FONT, color=INK,
+    )  # fmt: skip
+
+
+def _add_split_legend(axes: Axes, crossings: pd.DataFrame) -> None:
+    for kind in names.CLASSES:
+        for side in _SIDES:
+            if ((crossings["ego_class"] == kind) & (crossings["direction"] == side)).any():
+                label = f"{kind.lower()}s, to the {side}" if side else f"{kind.lower()}s, off the markings"
+                axes.barh(0, 0, color=_COLOURS[kind], alpha=_SHADES[side], label=label)
+    if axes.get_legend_handles_labels()[0]:
+        axes.legend(loc="lower right", **_LEGEND)
+
+
+def quality_figure(recordings: pd.DataFrame) -> Figure:
+    """Bias of the forward acceleration, and positions against speeds along the section.
+
+    recordings: rows of ``recordings``, a recording and carriageway each.
+    """
+    figure = Figure(figsize=(7.6, 5.4), facecolor="white", layout="constrained")
+    upper, lower = figure.subplots(2, 1)
+    _draw_bias(_dressed(upper), recordings)
+    _draw_profiles(_dressed(lower), recordings)
+    return figure
+
+
+_WAYS: Final = {1: ("#0072B2", "o", "upper carriageway"), 2: ("#D55E00", "s", "lower carriageway")}
+
+
+def _draw_bias(axes: Axes, recordings: pd.DataFrame) -> None:
+    axes.axhline(0, color=LINE, linewidth=1)
+    for direction, (colour, marker, label) in _WAYS.items():
+        rows = recordings[recordings["driving_direction"] == direction]
+        if len(rows):
+            axes.plot(rows["recording_id"], rows["mean_acceleration"], marker, color=colour, ms=4, label=label)
+            axes.plot(rows["recording_id"], rows["mean_speed_change"], marker, color=colour, ms=6, mfc="none")
+    axes.plot([], [], "o", color=QUIET, mfc="none", ms=6, label="from first and last speed")
+    axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+    axes.set_ylabel("mean forward\nacceleration [m/s²]", fontsize=_FONT, color=QUIET)
+    _label_x(axes, "recording")
+    axes.legend(ncols=3, loc="lower left", bbox_to_anchor=(0, 1), **_LEGEND)
+
+
+def _draw_profiles(axes: Axes, recordings: pd.DataFrame) -> None:
+    """The mean disagreement in each bin of 10 m, a line a recording and carriageway."""
+    axes.axhline(0, color=LINE, linewidth=1)
+    for row in recordings.itertuples(index=False):
+        profile = np.asarray(row.disagreement_profile, dtype=float)
+        x = row.entry_m + 10.0 * (np.arange(len(profile)) + 0.5)
+        axes.plot(x, profile, color=_WAYS[row.driving_direction][0], linewidth=0.8, alpha=0.7)
+    axes.set_ylabel("dx/dt - vx,\nmean [m/s]", fontsize=_FONT, color=QUIET)
+    _label_x(axes, "place along the section, from its entry [m]")
+
+
+def distributions_figure(crossings: pd.DataFrame, events: pd.DataFrame) -> Figure:
+    """Duration, lateral shift, peak lateral speed, gaps at the start and follower counts of the events.
+
+    crossings, events: rows of the tables of that name. Published means (solid) and medians (dashed) of the
+    duration are drawn beside ours, and the share of crossings whose start and end are in view is stated.
+    """
+    figure = Figure(figsize=(7.6, 5.6), facecolor="white", layout="constrained")
+    axes = [_dressed(one) for one in figure.subplots(2, 3).ravel()]
+    figure.suptitle(_completeness(crossings), fontsize=_FONT, color=INK, x=0.01, ha="left")
+    _draw_duration(axes[0], crossings, events)
+    absolute = events.assign(lateral_shift_m=events["lateral_shift_m"].abs())
+    _histogram(axes[1], absolute, "lateral_shift_m", "lateral shift [m]")
+    _histogram(axes[2], events, "peak_lateral_speed_mps", "peak lateral speed [m/s]")
+    _histogram(axes[3], events, "gap_ahead_m", "gap to the target leader at the start [m]")
+    _histogram(axes[4], events, "gap_behind_m", "gap to the target follower at the start [m]")
+    _draw_followers(axes[5], events)
+    axes[0].legend(loc="upper right", **_LEGEND)
+    return figure
+
+
+def _completeness(crossings: pd.DataFrame) -> str:
+    if not len(crossings):
+        return "no lane-id changes"
+    complete = 1 - float(crossings["reason"].isin(_INCOMPLETE).mean())
+    cut = float(crossings["reason"].isin([names.CUT_BEFORE_START, names.CUT_AFTER_END]).mean())
+    return (
+        f"{len(crossings)} lane-id changes: {complete:.0%} complete (published: {PUBLISHED_COMPLETE:.0%}), "
+        f"{cut:.0%} censored by the ends of the tracks"
+    )
+
+
+def _draw_duration(axes: Axes, crossings: pd.DataFrame, events: pd.DataFrame) -> None:
+    """Durations of the events, with the published mean (solid) and median (dashed) of each class."""
+    _histogram(axes, events, "duration_s", "duration [s]")
+    for kind in events["ego_class"].unique():
+        axes.axvline(PUBLISHED_MEAN_S[kind], color=_COLOURS[kind], linewidth=1.2)
+        axes.axvline(PUBLISHED_MEDIAN_S[kind], color=_COLOURS[kind], linewidth=1.2, linestyle="--")
+
+
+def _histogram(axes: Axes, events: pd.DataFrame, column: str, label: str) -> None:
+    """Share of the events of each class in each bin; mean in the legend."""
+    known = events[column].dropna().to_numpy(dtype=float)
+    edges = np.histogram_bin_edges(known, bins=min(30, max(5, round(len(known) ** 0.5)))) if len(known) else None
+    for kind in names.CLASSES:
+        values = events.loc[events["ego_class"] == kind, column].dropna().to_numpy(dtype=float)
+        if len(values):
+            weights = np.full(len(values), 100 / len(values))
+            name = f"{kind.lower()}s (n = {len(values)})"
+            axes.hist(
+                values, edges, weights=weights, histtype="step", color=_COLOURS[kind], linewidth=1.4, label=name
+            )
+    _label_x(axes, label)
+    axes.set_ylabel("share [%]", fontsize=_FONT, color=QUIET)
+
+
+def _draw_followers(axes: Axes, events: pd.DataFrame) -> None:
+    counts = events["follower_ids"].map(len)
+    for place, kind in enumerate(names.CLASSES):
+        own = counts[events["ego_class"] == kind]
+        if len(own):
+            shares = 100 * own.value_counts(normalize=True).sort_index()
+            axes.bar(shares.index + 0.4 * (place - 0.5), shares, width=0.38, color=_COLOURS[kind])
+    axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+    _label_x(axes, "followers on the target lane")
+    axes.set_ylabel("share [%]", fontsize=_FONT, color=QUIET)
+
+
+def _label_x(axes: Axes, text: str) -> None:
+    axes.set_xlabel(text, fontsize=_FONT, color=QUIET)
+
+
+def _dressed(axes: Axes) -> Axes:
+    axes.tick_params(labelsize=_FONT, color=LINE, labelcolor=QUIET, length=3)
+    axes.set_axisbelow(True)
+    for side in ("top", "right"):
+        axes.spines[side].set_visible(False)
+    for side in ("left", "bottom"):
+        axes.spines[side].set_color(LINE)
+    return axes
