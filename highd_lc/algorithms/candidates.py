@@ -79,7 +79,8 @@ def evaluate(n: IntArray, delta: FloatArray, change: FloatArray, scene: PackedSc
     x_final - v0 T [m], change: v_end - v0 [m/s], shape (rows, candidates).
     """
     shape = delta.shape
-    outcomes = Outcomes(*(np.empty(shape) for _ in range(4)), np.empty(shape, np.int64), np.empty(shape, np.int64))
+    av_T, av_H, hv_T, hv_H = (np.empty(shape) for _ in range(4))
+    outcomes = Outcomes(av_T, av_H, hv_T, hv_H, np.empty(shape, np.int64), np.empty(shape, np.int64))
     _evaluate(n, delta, change, scene, terms, outcomes)
     return outcomes
 

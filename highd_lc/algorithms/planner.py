@@ -9,7 +9,16 @@ from highd_lc.algorithms import dynamics
 from highd_lc.algorithms.candidates import LossTerms, loss_terms
 from highd_lc.algorithms.packing import PackedScene, obstacle_roles, pack
 from highd_lc.algorithms.pool import Goal, Pool, Task
-from highd_lc.algorithms.replay import AvMotion, Replay, clearances, follow, human_motion, plan_motion, replay
+from highd_lc.algorithms.replay import (
+    AvMotion,
+    Replay,
+    clearances,
+    follow,
+    free_motion,
+    human_motion,
+    plan_motion,
+    replay,
+)
 from highd_lc.algorithms.search import nominal_rejections, search
 from highd_lc.core.quintic import Quintic
 from highd_lc.vocab import names
@@ -184,10 +193,8 @@ def stay(problem: PlanningProblem) -> Replay:
     samples = len(packed.target_v)
     front = np.full(samples, np.inf) if origin is None else origin.x + origin.length / 2.0
     speed = np.zeros(samples) if origin is None else origin.v
-    start = AvMotion(*(np.zeros(samples) for _ in range(6)), n=0, crossing=samples)
-    start.vx[0] = packed.v0
     lane = packed._replace(target_front=front, target_v=speed, D=0.0, from_crossing=False)
-    av = replay(start, lane).av
+    av = replay(free_motion(packed), lane).av
     x, v, a = (np.empty((len(packed.follower_x), samples)) for _ in range(3))
     follow(av.x, av.vx, samples, packed, x, v, a)
     n = round(CONSTANT_T / packed.dt)
@@ -226,9 +233,9 @@ def rejections(
     """
     kept = pool.violation == 0
     touched = kept & ~pool.feasible(accounting)
-    roles = np.bincount(pool.role[touched], minlength=len(problem.roles)) if len(pool) else []
+    roles = np.bincount(pool.role[touched], minlength=len(problem.roles))
     counts = {name: nominal[name] for name in dynamics.CONSTRAINTS}
-    counts |= {f"clearance_{role}": int(c) for role, c in zip(problem.roles, roles, strict=False)}
+    counts |= {f"clearance_{role}": int(c) for role, c in zip(problem.roles, roles, strict=True)}
     return nominal["candidates"] + int(kept.sum()), counts
 
 

@@ -62,7 +62,8 @@ class Pool:
     def feasible(self, accounting: str) -> NDArray[np.bool_]:
         """Which candidates keep every limit and touch nobody over the accounted time."""
         last = self.n if accounting == names.PAPER else np.full(len(self), NO_CONTACT - 1)
-        return (self.violation == 0) & (self.contact > last)
+        kept: NDArray[np.bool_] = (self.violation == 0) & (self.contact > last)
+        return kept
 
     def objective(self, goal: Goal) -> FloatArray:
         """Joint objective of each candidate, infinite where infeasible."""
@@ -92,6 +93,10 @@ class Task:
         last = min(round(self.settings.T_max / dt), len(self.scene.target_v) - 1)
         return np.arange(round(self.settings.T_min / dt), last + 1)
 
+    def seconds(self, n: IntArray) -> FloatArray:
+        """Durations of n samples [s], of n's shape."""
+        return n.astype(np.float64) * self.scene.dt
+
     def quintic(self, n: int, delta: float, change: float) -> Quintic:
         """The plan of a candidate."""
         T, v0 = round(n * self.scene.dt, 10), self.scene.v0
@@ -100,6 +105,16 @@ class Task:
     def simulate(self, n: IntArray, delta: FloatArray, change: FloatArray) -> Pool:
         """Candidates in rows of one duration each, as a flat pool; shapes as in ``evaluate``."""
         out = evaluate(n, delta, change, self.scene, self.terms)
-        codes = violations(n * self.scene.dt, delta, change, self.scene.v0, self.scene.D, self.limit)
-        columns = (np.repeat(n, delta.shape[1]), delta.ravel(), change.ravel(), *(a.ravel() for a in out))
-        return Pool(*columns, codes.ravel())
+        codes = violations(self.seconds(n), delta, change, self.scene.v0, self.scene.D, self.limit)
+        return Pool(
+            n=np.repeat(n, delta.shape[1]),
+            delta=delta.ravel(),
+            change=change.ravel(),
+            av_T=out.av_T.ravel(),
+            av_H=out.av_H.ravel(),
+            hv_T=out.hv_T.ravel(),
+            hv_H=out.hv_H.ravel(),
+            contact=out.contact.ravel(),
+            role=out.role.ravel(),
+            violation=codes.ravel(),
+        )

@@ -50,8 +50,9 @@ def possible_durations(task: Task) -> IntArray:
     """Durations whose lateral motion keeps the limits: it does not depend on the rest."""
     n = task.durations
     zero = np.zeros((len(n), 1))
-    codes = violations(n * task.scene.dt, zero, zero, task.scene.v0, task.scene.D, task.limit)
-    return n[(codes[:, 0] != 1) & (codes[:, 0] != 2)]
+    codes = violations(task.seconds(n), zero, zero, task.scene.v0, task.scene.D, task.limit)[:, 0]
+    possible: IntArray = n[(codes != 1) & (codes != 2)]
+    return possible
 
 
 def x_nodes(task: Task, free: bool) -> int:
@@ -83,10 +84,10 @@ def _neighbours(task: Task, pool: Pool, goals: list[Goal], explored: set[int]) -
 def _at(task: Task, pool: Pool, free: bool, rows: list[Row]) -> Starts:
     """Where to zoom in for each row."""
     n, index, goal_of = (np.array(column) for column in zip(*rows, strict=True))
-    T = n * task.scene.dt
+    T = task.seconds(n)
     change = pool.change[index]
     # The same shape at another T: delta grows with T through the change of speed only.
-    delta = pool.delta[index] + change * (T - pool.n[index] * task.scene.dt) / 2.0
+    delta = pool.delta[index] + change * (T - task.seconds(pool.n[index])) / 2.0
     widest = np.minimum(task.limit.jerk * T**3 / 60.0, (task.limit.v_max - task.limit.v_min) * T / 1.875)
     fastest = np.minimum(task.limit.jerk * T**2 / 6.0, task.limit.v_max - task.limit.v_min)
     return Starts(
@@ -175,7 +176,7 @@ def _around_centres(
     offsets: tuple[FloatArray, FloatArray],
 ) -> tuple[FloatArray, FloatArray]:
     """Candidates (S, candidates) about the centres, moved into the interval of what is possible."""
-    T = (n * task.scene.dt)[:, None]
+    T = task.seconds(n)[:, None]
     change = np.clip(
         centre[1][:, None] + half[1][:, None] * offsets[1],
         task.limit.v_min - task.scene.v0,

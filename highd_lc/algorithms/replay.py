@@ -55,7 +55,7 @@ class Replay:
 def plan_motion(plan: Quintic, scene: PackedScene) -> AvMotion:
     """The prescribed motion of a quintic plan; the samples after T are filled by ``replay``."""
     n = round(plan.T / scene.dt)
-    s = sample(plan, np.arange(n + 1) * scene.dt)
+    s = sample(plan, np.arange(n + 1, dtype=np.float64) * scene.dt)
     return _prescribed((s.x, s.y, s.vx, s.vy, s.ax, np.abs(s.jx) + np.abs(s.jy)), len(scene.target_v), n // 2)
 
 
@@ -66,14 +66,19 @@ def human_motion(human: Human, scene: PackedScene) -> AvMotion:
     return _prescribed(columns, len(scene.target_v), human.crossing)
 
 
+def free_motion(scene: PackedScene) -> AvMotion:
+    """No prescribed motion: the AV keeps its lane and is free from t_start on."""
+    zero = np.zeros(1)
+    return _prescribed((zero, zero, zero + scene.v0, zero, zero, zero), len(scene.target_v), len(scene.target_v))
+
+
 def _prescribed(columns: tuple[FloatArray, ...], samples: int, crossing: int) -> AvMotion:
     n = min(len(columns[0]), samples) - 1
-    padded = []
-    for column in columns:
-        whole = np.zeros(samples)
-        whole[: n + 1] = column[: n + 1]
-        padded.append(whole)
-    return AvMotion(*padded, n=n, crossing=crossing)
+    padded = np.zeros((len(columns), samples))
+    for row, column in zip(padded, columns, strict=True):
+        row[: n + 1] = column[: n + 1]
+    x, y, vx, vy, ax, jerk = padded
+    return AvMotion(x, y, vx, vy, ax, jerk, n=n, crossing=crossing)
 
 
 def replay(av: AvMotion, scene: PackedScene) -> Replay:

@@ -46,7 +46,7 @@ def _grid(task: Task, free: bool, denser: int) -> Pool:
     n = possible_durations(task)
     if free and len(n):
         n = n[np.unique(np.linspace(0, len(n) - 1, min(task.settings.T_nodes_free, len(n))).astype(int))]
-    T = (n * task.scene.dt)[:, None, None]
+    T = task.seconds(n)[:, None, None]
     change = _changes(task, T, free)
     low, high = forward_interval(T, change, task.scene.v0, task.limit)
     # Dense about the smoothest motion, which is also a node: the jerk sum has a kink there.
@@ -78,7 +78,7 @@ def nominal_rejections(task: Task, *, free: bool) -> dict[str, int]:
     v_max; a plan counts for the first constraint that it violates.
     """
     n, scene, limit = task.durations, task.scene, task.limit
-    T = (n * scene.dt)[:, None, None]
+    T = task.seconds(n)[:, None, None]
     span = (limit.v_min - scene.v0, limit.v_max - scene.v0)
     speeds = np.linspace(*span, _NOMINAL_NODES)
     changes = np.linspace(*span, _NOMINAL_NODES // 3) if free else np.zeros(1)
@@ -86,7 +86,7 @@ def nominal_rejections(task: Task, *, free: bool) -> dict[str, int]:
     delta = np.broadcast_to(speeds[None, :, None] * T, shape).reshape(len(n), -1)
     change = np.broadcast_to(changes[None, None, :], shape).reshape(len(n), -1)
     codes = violations(
-        n * scene.dt, np.ascontiguousarray(delta), np.ascontiguousarray(change), scene.v0, scene.D, limit
+        task.seconds(n), np.ascontiguousarray(delta), np.ascontiguousarray(change), scene.v0, scene.D, limit
     )
     counts = np.bincount(codes.ravel(), minlength=len(CONSTRAINTS) + 1)
     return {"candidates": codes.size, **{name: int(counts[i + 1]) for i, name in enumerate(CONSTRAINTS)}}

@@ -19,8 +19,7 @@ _C2, _C3, _C4, _C5, _C6, _C7 = 1 / 2, 1 / 6, 1 / 24, 1 / 120, 1 / 720, 1 / 5040
 _C8, _C9, _C10, _C11, _C12 = 1 / 40320, 1 / 362880, 1 / 3628800, 1 / 39916800, 1 / 479001600
 
 
-@intrinsic
-def _bits_of(typingctx: Any, value: Any) -> Any:
+def _bits(typingctx: Any, value: Any) -> Any:
     """The 64 bits of a float as an integer."""
 
     def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
@@ -29,14 +28,17 @@ def _bits_of(typingctx: Any, value: Any) -> Any:
     return types.int64(types.float64), codegen
 
 
-@intrinsic
-def _float_of(typingctx: Any, value: Any) -> Any:
+def _float(typingctx: Any, value: Any) -> Any:
     """The float that 64 bits stand for."""
 
     def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
         return builder.bitcast(args[0], context.get_value_type(types.float64))
 
     return types.float64(types.int64), codegen
+
+
+_bits_of: Any = intrinsic(_bits)
+_float_of: Any = intrinsic(_float)
 
 
 @njit(inline="always", fastmath={"contract"})
@@ -54,5 +56,5 @@ def vector_exp(x: float) -> float:
     low = (1.0 + r) + r2 * (_C2 + _C3 * r)
     middle = (_C4 + _C5 * r) + r2 * (_C6 + _C7 * r)
     high = (_C8 + _C9 * r) + r2 * (_C10 + _C11 * r) + r4 * _C12
-    scale = _float_of((_bits_of(shifted) + np.int64(1023)) << np.int64(52))
+    scale: float = _float_of((_bits_of(shifted) + np.int64(1023)) << np.int64(52))
     return (low + r4 * (middle + r4 * high)) * scale

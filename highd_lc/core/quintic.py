@@ -11,12 +11,16 @@ a closed form.
 
 import math
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 from numba import njit
+from numba.extending import register_jitable
 from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
+Real = TypeVar("Real", float, FloatArray)
+"""The shapes below serve numpy arrays as they are, and single numbers inside compiled kernels."""
 
 PEAK_VY = 15.0 / 8.0
 PEAK_AY = 10.0 / math.sqrt(3.0)
@@ -53,50 +57,50 @@ class Samples:
     jy: FloatArray
 
 
-@njit(inline="always")
-def z_shape(u: float) -> float:
+@register_jitable
+def z_shape(u: Real) -> Real:
     """z(u) = 6u^5 - 15u^4 + 10u^3: from 0 to 1 with no speed or acceleration at either end."""
     return u * u * u * (10.0 + u * (6.0 * u - 15.0))
 
 
-@njit(inline="always")
-def z_rate(u: float) -> float:
+@register_jitable
+def z_rate(u: Real) -> Real:
     """z'(u) = 30 u^2 (1 - u)^2."""
     return 30.0 * u * u * (1.0 - u) * (1.0 - u)
 
 
-@njit(inline="always")
-def z_curvature(u: float) -> float:
+@register_jitable
+def z_curvature(u: Real) -> Real:
     """z''(u) = 60 u (2u - 1)(u - 1)."""
     return 60.0 * u * (2.0 * u - 1.0) * (u - 1.0)
 
 
-@njit(inline="always")
-def z_third(u: float) -> float:
+@register_jitable
+def z_third(u: Real) -> Real:
     """z'''(u) = 60 - 360 u + 360 u^2."""
     return 60.0 + 360.0 * u * (u - 1.0)
 
 
-@njit(inline="always")
-def q_shape(u: float) -> float:
+@register_jitable
+def q_shape(u: Real) -> Real:
     """q(u) = -4u^3 + 7u^4 - 3u^5: returns to 0 with slope 1."""
     return u * u * u * (u * (7.0 - 3.0 * u) - 4.0)
 
 
-@njit(inline="always")
-def q_rate(u: float) -> float:
+@register_jitable
+def q_rate(u: Real) -> Real:
     """q'(u) = -12u^2 + 28u^3 - 15u^4; q'(1) = 1."""
     return u * u * (u * (28.0 - 15.0 * u) - 12.0)
 
 
-@njit(inline="always")
-def q_curvature(u: float) -> float:
+@register_jitable
+def q_curvature(u: Real) -> Real:
     """q''(u) = -12 u (5u - 2)(u - 1)."""
     return -12.0 * u * (5.0 * u - 2.0) * (u - 1.0)
 
 
-@njit(inline="always")
-def q_third(u: float) -> float:
+@register_jitable
+def q_third(u: Real) -> Real:
     """q'''(u) = -24 + 168 u - 180 u^2."""
     return -24.0 + u * (168.0 - 180.0 * u)
 
