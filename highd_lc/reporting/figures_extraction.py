@@ -115,7 +115,7 @@ def _draw_profiles(axes: Axes, recordings: pd.DataFrame) -> None:
 
 
 def distributions_figure(crossings: pd.DataFrame, events: pd.DataFrame) -> Figure:
-    """Duration, lateral shift, peak lateral speed, gaps at the start and follower counts of the events.
+    """Duration, lateral shift, peak lateral speed, gaps and followers at the start of the events.
 
     crossings, events: rows of the tables of that name. Published means (solid) and medians (dashed) of the
     duration are drawn beside ours, and the share of crossings whose start and end are in view is stated.
@@ -127,10 +127,12 @@ def distributions_figure(crossings: pd.DataFrame, events: pd.DataFrame) -> Figur
     absolute = events.assign(lateral_shift_m=events["lateral_shift_m"].abs())
     _histogram(axes[1], absolute, "lateral_shift_m", "lateral shift [m]")
     _histogram(axes[2], events, "peak_lateral_speed_mps", "peak lateral speed [m/s]")
-    _histogram(axes[3], events, "gap_ahead_m", "gap to the target leader at the start [m]")
-    _histogram(axes[4], events, "gap_behind_m", "gap to the target follower at the start [m]")
+    _histogram(axes[3], events, "gap_ahead_m", "gap to the target leader [m]")
+    _histogram(axes[4], events, "gap_behind_m", "gap to the target follower [m]")
     _draw_followers(axes[5], events)
-    axes[0].legend(loc="upper right", **_LEGEND)
+    handles, _ = axes[0].get_legend_handles_labels()
+    if handles:
+        figure.legend(handles=handles, loc="outside lower left", ncols=len(handles), **_LEGEND)
     return figure
 
 
@@ -151,10 +153,13 @@ def _draw_duration(axes: Axes, crossings: pd.DataFrame, events: pd.DataFrame) ->
     for kind in events["ego_class"].unique():
         axes.axvline(PUBLISHED_MEAN_S[kind], color=_COLOURS[kind], linewidth=1.2)
         axes.axvline(PUBLISHED_MEDIAN_S[kind], color=_COLOURS[kind], linewidth=1.2, linestyle="--")
+    if len(events):
+        axes.plot([], [], color=QUIET, linewidth=1.2, label="published mean")
+        axes.plot([], [], color=QUIET, linewidth=1.2, linestyle="--", label="published median")
 
 
 def _histogram(axes: Axes, events: pd.DataFrame, column: str, label: str) -> None:
-    """Share of the events of each class in each bin; mean in the legend."""
+    """Share of the events of each class in each bin."""
     known = events[column].dropna().to_numpy(dtype=float)
     edges = np.histogram_bin_edges(known, bins=min(30, max(5, round(len(known) ** 0.5)))) if len(known) else None
     for kind in names.CLASSES:
