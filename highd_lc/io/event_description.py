@@ -46,7 +46,7 @@ def _headline(crossing: "pd.Series[Any]") -> str:
     side = f" to the {crossing['direction']}" if crossing["direction"] else ""
     return (
         f"{crossing['event_id']}: recording {crossing['recording_id']}, vehicle {crossing['ego_id']} "
-        f"({crossing['ego_class']}){side}, lane {lanes} (1 = rightmost)"
+        f"({crossing['ego_class']}){side}, lane {origin} -> {target} (1 = rightmost)"
     )
 
 
@@ -61,12 +61,11 @@ def _frames(crossing: "pd.Series[Any]") -> str:
 
 def _details(event: "pd.Series[Any]", tracks: pd.DataFrame, vehicles: pd.DataFrame) -> list[str]:
     confirmed = "confirmed by" if event["roles_confirmed"] else "not all as in"
-    header = f"{'role':<18}{'vehicle':>8}{'class':>7}{'x [m]':>9}{'speed':>7}{'from [s]':>10}{'to [s]':>8}{'calibration [s]':>17}"
     return [
         f"duration {event['duration_s']:.2f} s, lateral shift {event['lateral_shift_m']:+.2f} m, "
         f"peak lateral speed {event['peak_lateral_speed_mps']:.2f} m/s",
         f"roles at the start ({confirmed} the file's leader ids):",
-        header,
+        _line("role", "vehicle", "class", "x [m]", "v [m/s]", "from [s]", "to [s]", "calibration [s]"),
         *(_role(role, rows, vehicles, event["frame_rate"]) for role, rows in tracks.groupby("role", sort=False)),
     ]
 
@@ -75,8 +74,9 @@ def _role(role: object, rows: pd.DataFrame, vehicles: pd.DataFrame, rate: float)
     vehicle = int(rows["vehicle_id"].iloc[0])
     kind = vehicles.loc[vehicles["vehicle_id"] == vehicle, "class"].iloc[0]
     start = rows[rows["t"].abs() < 0.5 / rate].iloc[0]
-    window = f"{rows['calibration'].sum() / rate:.2f}" if rows["calibration"].any() else ""
-    return (
-        f"{role:<18}{vehicle:>8}{kind:>7}{start['x']:>9.2f}{start['vx']:>7.2f}"
-        f"{rows['t'].min():>10.2f}{rows['t'].max():>8.2f}{window:>17}"
-    )
+    numbers = (start["x"], start["vx"], rows["t"].min(), rows["t"].max(), rows["calibration"].sum() / rate)
+    return _line(role, vehicle, kind, *(f"{number:.2f}" for number in numbers))
+
+
+def _line(first: object, *others: object) -> str:
+    return f"  {first!s:<18}" + "".join(f"{other!s:>{max(10, len(str(other)) + 2)}}" for other in others)
