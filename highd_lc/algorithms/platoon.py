@@ -141,14 +141,15 @@ def _drive(
 
 def spacings(platoon: Platoon) -> FloatArray:
     """Spacing of each follower to the one in front, front to front [m], shape (p, n); infinite on a free road."""
-    ahead: FloatArray = np.vstack([platoon.lead.front, platoon.front[:-1]])
-    return ahead - platoon.front
+    ahead = np.vstack([platoon.lead.front, platoon.front[:-1]])
+    return np.asarray(ahead - platoon.front, dtype=np.float64)
 
 
 def gaps(platoon: Platoon) -> FloatArray:
     """Gap of each follower, bumper to bumper [m], shape (p, n): negative = driven into the one in front."""
     ahead_length = np.concatenate([[platoon.lead.length], platoon.length[:-1]])
-    return spacings(platoon) - ahead_length[:, None]
+    bumpers: FloatArray = spacings(platoon) - ahead_length[:, None]
+    return bumpers
 
 
 def time_headways(platoon: Platoon) -> FloatArray:

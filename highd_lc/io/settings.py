@@ -4,12 +4,14 @@ import hashlib
 import json
 import tomllib
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from pydantic import BaseModel, ValidationError
 
 from highd_lc.vocab.errors import SettingsError
 from highd_lc.vocab.settings import Settings
+
+Model = TypeVar("Model", bound=BaseModel)
 
 
 def pipelines_folder() -> Path:
@@ -33,6 +35,11 @@ def find_pipeline(name: str) -> Path:
 
 def load(path: Path) -> Settings:
     """Read and check a pipeline. Raises SettingsError naming file, key and allowed range."""
+    return load_model(path, Settings)
+
+
+def load_model(path: Path, model: type[Model]) -> Model:
+    """Read settings of any model from TOML. Raises SettingsError naming file, key and allowed range."""
     try:
         values = tomllib.loads(path.read_text(encoding="utf-8"))
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
@@ -40,21 +47,20 @@ def load(path: Path) -> Settings:
     except OSError as error:
         raise SettingsError(f"{path}: cannot be read: {error.strerror}") from error
     try:
-        return Settings.model_validate(values)
+        return model.model_validate(values)
     except ValidationError as error:
-        raise SettingsError(f"{path}: {_in_one_line(error)}") from error
+        raise SettingsError(f"{path}: {_in_one_line(error, model)}") from error
 
 
-def _in_one_line(error: ValidationError) -> str:
+def _in_one_line(error: ValidationError, model: type[BaseModel] = Settings) -> str:
     first = error.errors()[0]
     key = ".".join(str(part) for part in first["loc"])
     if first["type"] == "extra_forbidden":
-        return f"{key}: unknown setting; allowed here: {', '.join(_siblings(first['loc']))}"
+        return f"{key}: unknown setting; allowed here: {', '.join(_siblings(first['loc'], model))}"
     return f"{key} = {first['input']!r}: {first['msg']}"
 
 
-def _siblings(location: tuple[int | str, ...]) -> list[str]:
-    model: Any = Settings
+def _siblings(location: tuple[int | str, ...], model: Any) -> list[str]:
     for part in location[:-1]:
         found = {(field.alias or name): field for name, field in model.model_fields.items()}.get(str(part))
         if found is None or not isinstance(found.annotation, type) or not issubclass(found.annotation, BaseModel):

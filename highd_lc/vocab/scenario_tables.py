@@ -5,6 +5,15 @@ from typing import Final
 from highd_lc.vocab import names
 from highd_lc.vocab.columns import Column, Table, count, number, word
 
+VERDICTS: Final = ("holds", "fails", "unchanged", "no_plan")
+"""Verdicts on a claim."""
+REPRODUCED: Final = "reproduced"
+NEAR: Final = "near"
+NOT_REPRODUCED: Final = "not reproduced"
+NO_PLAN: Final = "no plan"
+LEDGER_VERDICTS: Final = (REPRODUCED, NEAR, NOT_REPRODUCED, NO_PLAN)
+"""Verdicts on a published number: within 1 %, within 10 %, farther off, nothing to compare."""
+
 _SCENARIO = word("scenario", "1, 2_15, 2_20 (scenario 2 with the AV at 15 or 20 m/s), 3")
 _POLICY = word("policy", "benchmark or local_optimum", names.POLICIES)
 _CELL = (
@@ -23,6 +32,7 @@ _OPTIONS = (
     number("v_ref_av", "reference speed of the AV", "m/s", nullable=False),
     number("v_desire", "desired speed of the followers", "m/s", nullable=False),
     number("horizon_s", "H", "s", nullable=False),
+    word("platoon_leader", "leader at the platoon's speed one spacing ahead of HV_1", ("none", "present")),
     word("leader_from", "from when HV_1 follows the AV", ("start", "crossing")),
     word("ellipse", "semi-axes of the safety ellipses", ("circumscribed", "paper")),
     count("planned_followers", "followers that the plan and the loss know"),
@@ -48,6 +58,8 @@ _OUTCOME = (
     number("flow_veh_h", "Edie's flow in the rectangle", "veh/h"),
     number("speed_km_h", "Edie's speed in the rectangle", "km/h"),
     number("density_veh_km", "Edie's density in the rectangle", "veh/km"),
+    Column("rectangle_time_s", "list<float64>", "time of each follower in the rectangle [s]", nullable=True),
+    Column("rectangle_distance_m", "list<float64>", "distance of each follower in it [m]", nullable=True),
 )
 
 CELLS = Table(
@@ -77,28 +89,32 @@ LEDGER = Table(
         *(number(accounting, f"under the accounting {accounting}") for accounting in names.ACCOUNTINGS),
         number("nearest", "of all cells the value nearest to the printed one"),
         word("nearest_cell", "that cell: variant, form, accounting"),
-        word("verdict", "reproduced, near, not reproduced, not computable"),
+        number("nearest_ratio", "that value over the published one"),
+        word("verdict", "on ours", LEDGER_VERDICTS),
+        word("nearest_verdict", "on the nearest", LEDGER_VERDICTS),
         word("note", "what the reader must know"),
     ),
 )
 
 CLAIMS = Table(
     "claims",
-    "claim of the paper and scenario",
-    ("claim", "scenario"),
+    "claim of the paper, scenario, form and accounting",
+    ("claim", "scenario", "form", "accounting"),
     (
         word("claim", "short name"),
         _SCENARIO,
+        word("form", "end speed of the plan", names.FORMS),
+        word("accounting", "over which time each side is charged", names.ACCOUNTINGS),
         word("statement", "the direction of change that the paper states"),
         word("printed", "the printed numbers behind it"),
-        number("change_default", "our change from benchmark to local optimum under the default options"),
-        word("default_verdict", "holds, fails, no change, no plan"),
-        count("cells", "cells with both plans"),
-        count("holds", "cells in which the claim holds"),
-        count("fails", "cells in which the opposite happens"),
-        count("unchanged", "cells in which both plans are the same"),
-        word("holds_under", "options under which it holds"),
-        word("fails_under", "options under which it fails or nothing changes"),
+        word("default_verdict", "under the default options", VERDICTS),
+        count("cells", "variants in which both plans exist"),
+        count("holds", "variants in which the claim holds"),
+        count("fails", "variants in which the opposite happens"),
+        count("unchanged", "variants in which nothing changes"),
+        Column("holds_under", "list<string>", "those in which it holds"),
+        Column("fails_under", "list<string>", "those in which the opposite happens or nothing changes"),
+        Column("no_plan_under", "list<string>", "those in which one of the two plans does not exist"),
     ),
 )
 
@@ -114,6 +130,25 @@ ARITHMETIC = Table(
         number("computed", "as computed from the other printed numbers"),
         word("unit", "unit of both"),
         word("verdict", "consistent or inconsistent"),
+    ),
+)
+
+CONTACTS = Table(
+    "contacts",
+    "gap reading, speed of the AV and motion",
+    ("scenario", "gap_reading", "motion"),
+    (
+        _SCENARIO,
+        word("gap_reading", "what the printed 10 m between AV and HV_1 are", ("centres", "bumpers")),
+        number("v_av", "speed of the AV at t_start", "m/s", nullable=False),
+        word("motion", "constant speed (the AV does not react), benchmark, local_optimum"),
+        word("status", "of the plan"),
+        number("gap_start_m", "gap between AV and HV_1 at t_start, bumper to bumper", "m"),
+        number("min_gap_m", "smallest gap between AV and HV_1, negative = collision", "m"),
+        number("min_gap_at_s", "when, from t_start on", "s"),
+        number("min_clearance_m", "smallest distance of the safety ellipses to any follower", "m"),
+        number("hv1_peak_decel", "strongest braking of HV_1", "m/s²"),
+        Column("collision", "bool", "whether HV_1 drives into the AV lengthwise; null = no plan", "", True),
     ),
 )
 
@@ -214,6 +249,7 @@ SCENARIO_TABLES: Final = (
     LEDGER,
     CLAIMS,
     ARITHMETIC,
+    CONTACTS,
     RECTANGLE,
     TRAFFIC_STATE,
     WAVES,

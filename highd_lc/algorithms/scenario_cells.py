@@ -1,0 +1,84 @@
+"""Every cell that is looked at: situations under named variants of the options, forms, accountings, weights."""
+
+import itertools
+from collections.abc import Iterator
+from typing import Any, Final
+
+from highd_lc.algorithms.platoon import Platoon
+from highd_lc.algorithms.scenario import situations
+from highd_lc.algorithms.scenario_run import (
+    Cell,
+    Planned,
+    drive_plan,
+    no_lane_change,
+    plan_situation,
+    traffic_columns,
+)
+from highd_lc.vocab import names
+from highd_lc.vocab.scenarios import Changes, ScenarioOptions, ScenarioSettings
+
+Row = dict[str, Any]
+
+DEFAULT: Final = "default"
+PAPER_LITERAL: Final = "paper_literal"
+BENCHMARK_OMEGA: Final = 1.0
+
+
+def variants(settings: ScenarioSettings) -> dict[str, ScenarioOptions]:
+    """Options by name: the default, the paper's printed ones, and each named variant."""
+    changes: dict[str, Changes] = {DEFAULT: {}, PAPER_LITERAL: settings.paper_literal, **settings.variants}
+    return {name: settings.with_options(change) for name, change in changes.items()}
+
+
+def combinations(settings: ScenarioSettings) -> Iterator[tuple[str, ScenarioOptions]]:
+    """Every combination of the sweep's values, with its name."""
+    keys = list(settings.sweep)
+    for values in itertools.product(*settings.sweep.values()):
+        change = dict(zip(keys, values, strict=True))
+        yield " ".join(f"{key}={value}" for key, value in change.items()), settings.with_options(change)
+
+
+def pair_omegas(settings: ScenarioSettings) -> tuple[float, ...]:
+    """Weights of the AV of benchmark and local optimum."""
+    return BENCHMARK_OMEGA, settings.loss.omega_av
+
+
+def rows_of_options(
+    variant: str, options: ScenarioOptions, settings: ScenarioSettings, omegas: tuple[float, ...]
+) -> list[Row]:
+    """The cells of every scenario with a platoon under one set of options (rows of ``scenario_cells``)."""
+    rows = []
+    for posed in situations(settings, options):
+        planned = plan_situation(posed, settings, omegas)
+        rows += rows_of_plans(planned, variant, settings, omegas)
+    return rows
+
+
+def rows_of_plans(
+    planned: Planned, variant: str, settings: ScenarioSettings, omegas: tuple[float, ...]
+) -> list[Row]:
+    """One row a form, accounting and weight of the AV."""
+    count = len(planned.problem.packed.follower_x)
+    unchanged = no_lane_change(planned.situation, followers=count)
+    cells = itertools.product(names.FORMS, names.ACCOUNTINGS, omegas)
+    return [
+        option_columns(planned.situation.key, variant, planned.situation.options)
+        | _cell_columns(planned, Cell(*cell), settings, unchanged)
+        for cell in cells
+    ]
+
+
+def option_columns(scenario: str, variant: str, options: ScenarioOptions) -> Row:
+    """The columns that say what a cell is, but for form, accounting and weight."""
+    return {"scenario": scenario, "variant": variant, **options.model_dump()}
+
+
+def _cell_columns(planned: Planned, cell: Cell, settings: ScenarioSettings, unchanged: Platoon) -> Row:
+    row: Row = {"form": cell.form, "accounting": cell.accounting, "omega_av": cell.omega_av}
+    plan = planned.plan(cell)
+    if plan is None:
+        return row | {"status": planned.status}
+    outcome = drive_plan(planned, plan, cell.accounting, followers=len(planned.problem.packed.follower_x))
+    traffic = traffic_columns(outcome, unchanged, settings)
+    shape = {"status": names.SOLVED, "T": plan.T, "x_final": plan.x_final, "v_end": plan.v_end}
+    return row | shape | outcome.losses | traffic

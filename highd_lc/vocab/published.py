@@ -1,0 +1,147 @@
+"""Every number that the paper prints on its scenarios, once (SPEC section 13)."""
+
+from dataclasses import dataclass
+from typing import Final
+
+from highd_lc.vocab import names
+
+
+@dataclass(frozen=True)
+class Published:
+    """A printed number of a scenario: of which policy and weight of the AV, what, in which unit.
+
+    quantity: the column of ``scenario_cells`` that holds ours, for a list followed by the follower's rank.
+    """
+
+    scenario: str
+    policy: str
+    quantity: str
+    value: float
+    unit: str = ""
+    note: str = ""
+    omega_given: float | None = None
+
+    @property
+    def omega_av(self) -> float:
+        """Weight of the AV behind it: 1 of the benchmark, 0.5 of the local optimum unless another is given."""
+        if self.omega_given is not None:
+            return self.omega_given
+        return 1.0 if self.policy == names.BENCHMARK else 0.5
+
+    @property
+    def key(self) -> str:
+        """Scenario, policy and quantity in one word."""
+        weight = "" if self.omega_given is None else f"@{self.omega_given:g}"
+        return f"{self.scenario}:{self.policy}{weight}:{self.quantity}"
+
+
+@dataclass(frozen=True)
+class Totals:
+    """A printed pair of Tables 1: time [s] and distance [m] in the rectangle."""
+
+    time: float
+    distance: float
+
+
+_BENCHMARK, _LOCAL = names.BENCHMARK, names.LOCAL_OPTIMUM
+
+SCENARIO_1: Final = (
+    Published("1", _BENCHMARK, "loss_av", 21.42),
+    Published("1", _BENCHMARK, "av_comfort", 28.87, note="cannot be a free optimum as printed (arithmetic)"),
+    Published("1", _BENCHMARK, "av_efficiency", 13.97, note="T = 4.0 s at constant speed gives 13.9706"),
+    Published("1", _LOCAL, "loss_av", 26.94),
+    Published("1", _BENCHMARK, "loss_hv", 28.64),
+    Published("1", _BENCHMARK, "hv_comfort", 27.50),
+    Published("1", _BENCHMARK, "hv_efficiency", 29.79),
+    Published("1", _LOCAL, "loss_hv", 17.70),
+    Published("1", _BENCHMARK, "loss_total", 50.06),
+    Published("1", _LOCAL, "loss_total", 44.64),
+    Published("1", _BENCHMARK, "ttt_difference_s", 14.18, "s"),
+    Published("1", _LOCAL, "ttt_difference_s", 11.84, "s"),
+    Published("1", _BENCHMARK, "hv1_v_min", 15.47, "m/s"),
+    Published("1", _BENCHMARK, "min_time_headway_s", 0.42, "s", "10 m at 25 m/s are 0.40 s already"),
+    Published("1", _LOCAL, "av_v_max", 28.11, "m/s"),
+    Published("1", _LOCAL, "loss_av", 36.79, note="omega_AV = 0.1 (figure 11)", omega_given=0.1),
+    Published("1", _LOCAL, "loss_hv", 14.14, note="omega_AV = 0.1 (figure 11)", omega_given=0.1),
+)
+"""Scenario 1: losses, travel time, speeds."""
+
+BEST_OMEGA: Final = (0.5, 0.6)
+"""Where the paper's total is lowest."""
+
+SCENARIO_2: Final = (
+    Published("2_15", _BENCHMARK, "flow_veh_h", 1875.963, "veh/h"),
+    Published("2_15", _LOCAL, "flow_veh_h", 1905.666, "veh/h"),
+    Published("2_20", _BENCHMARK, "flow_veh_h", 1509.140, "veh/h"),
+    Published("2_20", _LOCAL, "flow_veh_h", 1579.746, "veh/h"),
+    Published("2_15", _BENCHMARK, "speed_km_h", 65.746, "km/h"),
+    Published("2_15", _LOCAL, "speed_km_h", 69.381, "km/h"),
+    Published("2_20", _BENCHMARK, "speed_km_h", 67.641, "km/h"),
+    Published("2_20", _LOCAL, "speed_km_h", 72.837, "km/h"),
+    Published("2_15", _BENCHMARK, "density_veh_km", 28.533, "veh/km"),
+    Published("2_15", _LOCAL, "density_veh_km", 27.467, "veh/km"),
+    Published("2_20", _BENCHMARK, "density_veh_km", 22.311, "veh/km"),
+    Published("2_20", _LOCAL, "density_veh_km", 21.689, "veh/km"),
+    Published("2_15", _BENCHMARK, "loss_total", 224.96),
+    Published("2_15", _LOCAL, "loss_total", 207.58),
+    Published("2_20", _BENCHMARK, "loss_total", 198.16),
+    Published("2_20", _LOCAL, "loss_total", 184.65),
+)
+"""Table 2 and the total losses of scenario 2."""
+
+SCENARIO_3: Final = (
+    Published("3", _BENCHMARK, "loss_av", 21.84),
+    Published("3", _LOCAL, "loss_av", 25.40),
+    Published("3", _BENCHMARK, "loss_hv", 48.44),
+    Published("3", _LOCAL, "loss_hv", 42.12),
+    Published("3", _BENCHMARK, "loss_total", 70.28),
+    Published("3", _LOCAL, "loss_total", 67.52),
+)
+SCENARIO_3_WEIGHTS: Final = (0.48, 0.32, 0.20)
+"""Losses and followers' weights of scenario 3."""
+
+TABLE_1: Final = {
+    ("2_15", _BENCHMARK): (
+        Totals(10.80, 147.22), Totals(12.10, 191.36), Totals(13.40, 234.41), Totals(13.60, 248.25),
+        Totals(12.10, 229.08), Totals(10.30, 202.78), Totals(9.00, 184.97), Totals(6.80, 143.16),
+        Totals(5.00, 107.71), Totals(3.20, 69.78),
+    ),
+    ("2_15", _LOCAL): (
+        Totals(9.80, 147.48), Totals(11.20, 191.43), Totals(12.60, 234.42), Totals(12.90, 248.43),
+        Totals(12.10, 239.08), Totals(10.40, 213.10), Totals(8.60, 181.65), Totals(6.80, 147.24),
+        Totals(5.00, 110.26), Totals(3.30, 73.48),
+    ),
+    ("2_20", _BENCHMARK): (
+        Totals(9.80, 148.35), Totals(11.00, 191.45), Totals(10.80, 197.33), Totals(10.50, 199.29),
+        Totals(10.00, 196.47), Totals(8.40, 170.39), Totals(6.30, 130.99), Totals(4.60, 97.77),
+        Totals(2.80, 60.08), Totals(1.10, 22.72),
+    ),
+    ("2_20", _LOCAL): (
+        Totals(8.70, 148.44), Totals(10.10, 191.75), Totals(11.60, 235.56), Totals(9.80, 198.48),
+        Totals(9.60, 199.57), Totals(8.20, 174.59), Totals(6.40, 139.05), Totals(4.70, 103.69),
+        Totals(2.90, 64.24), Totals(1.20, 25.63),
+    ),
+}  # fmt: skip
+"""Table 1: HV_1 .. HV_10 in the rectangle."""
+
+TABLE_1_TOTALS: Final = {
+    ("2_15", _BENCHMARK): Totals(96.30, 1758.72),
+    ("2_15", _LOCAL): Totals(92.70, 1786.56),
+    ("2_20", _BENCHMARK): Totals(75.30, 1414.82),
+    ("2_20", _LOCAL): Totals(73.20, 1481.01),
+}
+"""Its printed totals."""
+
+RECTANGLE_AREA: Final = 225.0 * 15.0
+"""|A| of the paper [m s]."""
+
+TABLE_1_NUMBERS: Final = tuple(
+    Published(scenario, policy, f"{quantity} {rank}", value, unit, "Table 1")
+    for (scenario, policy), rows in TABLE_1.items()
+    for rank, row in enumerate(rows, start=1)
+    for quantity, value, unit in (("rectangle_time_s", row.time, "s"), ("rectangle_distance_m", row.distance, "m"))
+)
+"""Table 1, number by number."""
+
+PUBLISHED: Final = SCENARIO_1 + SCENARIO_2 + SCENARIO_3 + TABLE_1_NUMBERS
+"""Every printed result of the scenarios."""
