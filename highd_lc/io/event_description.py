@@ -40,8 +40,8 @@ def _nearest(crossings: pd.DataFrame, event_id: str) -> str:
 
 
 def _headline(crossing: "pd.Series[Any]") -> str:
-    lanes = " -> ".join(
-        "outside" if pd.isna(crossing[c]) else str(crossing[c]) for c in ("origin_lane", "target_lane")
+    origin, target = (
+        "outside" if pd.isna(crossing[side]) else crossing[side] for side in ("origin_lane", "target_lane")
     )
     side = f" to the {crossing['direction']}" if crossing["direction"] else ""
     return (
