@@ -11,12 +11,14 @@ from highd_lc.algorithms.genetic import GeneticAlgorithm
 from highd_lc.algorithms.genetic_pymoo import PymooGeneticAlgorithm
 from highd_lc.algorithms.least_squares import STARTS, descend
 from highd_lc.algorithms.optimisation import Optimiser, Optimum
+from highd_lc.algorithms.prior import Prior, penalised
 from highd_lc.algorithms.screening import Screening, screen
 from highd_lc.core.car_following import (
     TIME_STEP,
     FitProblem,
     FollowingTrack,
     fit_problem,
+    objectives_of,
     open_loop_objective,
     simulate,
 )
@@ -87,7 +89,8 @@ def method_name(settings: CalibrateSettings) -> str:
     """Objective and optimiser in one word, such as ``closed-loop/ga+polish``."""
     polish = "+polish" if settings.polish and settings.optimiser != "screen" else ""
     delay = "/delay" if settings.delay == "explicit" else ""
-    return f"{settings.objective}/{settings.optimiser}{polish}{delay}"
+    pooling = "/pooled" if settings.pooling == "penalised" else ""
+    return f"{settings.objective}/{settings.optimiser}{polish}{delay}{pooling}"
 
 
 def make_optimiser(settings: CalibrateSettings) -> Optimiser:
@@ -116,27 +119,32 @@ def why_not(track: FollowingTrack, settings: CalibrateSettings) -> str:
     return ""
 
 
-def fit_follower(track: FollowingTrack, settings: CalibrateSettings, *, seed: int) -> FollowerFit:
-    """Fit the LCM to a follower's track (SPEC section 9); deterministic for a seed."""
+def fit_follower(
+    track: FollowingTrack, settings: CalibrateSettings, *, seed: int, prior: Prior | None = None
+) -> FollowerFit:
+    """Fit the LCM to a follower's track (SPEC section 9); deterministic for a seed.
+
+    prior: a common driver towards whom the fit is drawn; the objectives of the result do not count the penalty.
+    """
     reason = why_not(track, settings)
     if reason:
         return unfitted(len(track.x), reason)
     problem = pose(track, settings)
+    search = problem if prior is None else penalised(problem, prior)
     rng = np.random.default_rng(seed)
-    found = make_optimiser(settings).minimise(problem, rng)
-    points, objectives = _starts(problem, found, rng)
+    found = make_optimiser(settings).minimise(search, rng)
+    points, objectives = _starts(search, found, rng)
     genetic = settings.optimiser != "screen"
-    kept = found
-    if settings.polish or not genetic:
-        best = int(np.argmin(objectives))
-        kept = Optimum(points[:, best].copy(), float(objectives[best]), found.evaluations)
+    polished = settings.polish or not genetic
+    kept = points[:, int(np.argmin(objectives))].copy() if polished else found.parameters
+    before, after = objectives_of(problem, np.stack([found.parameters, kept], axis=1))
     return FollowerFit(
-        kept.parameters,
-        kept.objective,
-        found.objective if genetic else np.nan,
-        assess(track, kept.parameters, delayed=problem.delayed),
+        kept,
+        float(after),
+        float(before) if genetic else np.nan,
+        assess(track, kept, delayed=problem.delayed),
         _spread(points, objectives),
-        bounds_hit(kept.parameters),
+        bounds_hit(kept),
         len(track.x),
         "",
     )

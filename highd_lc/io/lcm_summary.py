@@ -1,4 +1,4 @@
-"""The calibration's population table: Table 3 of the paper with ours beside it."""
+"""The calibration's population tables: Table 3 with ours beside it, what is identifiable, what pooling brings."""
 
 from collections.abc import Iterator
 from typing import Any
@@ -6,6 +6,8 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from highd_lc.algorithms.identifiability import Identifiability, verdict
+from highd_lc.algorithms.pooling import PoolingStudy
 from highd_lc.vocab.lcm_parameters import PARAMETERS, TABLE3_MEANS, TABLE3_QUANTILES
 from highd_lc.vocab.tables import TABLES
 
@@ -50,3 +52,48 @@ def _rows(group: str, members: pd.DataFrame) -> Iterator[dict[str, Any]]:
 
 def _quantile(values: np.ndarray, q: float) -> float:
     return float(np.quantile(values, q)) if len(values) else np.nan
+
+
+def identifiability_rows(study: Identifiability | None, fitted: pd.DataFrame) -> pd.DataFrame:
+    """Rows of ``identifiability``; none without a study. fitted: all fitted rows of ``followers``."""
+    columns = list(TABLES["identifiability"].column_names)
+    if study is None:
+        return pd.DataFrame(columns=columns)
+    rows = []
+    for j, parameter in enumerate(PARAMETERS):
+        at_bound = float(np.mean([parameter in names for names in fitted["at_bound"]]))
+        partner = int(study.partner[j])
+        rows.append(
+            {
+                "parameter": parameter,
+                "n": study.n,
+                "width": study.width[j],
+                "share_open": study.share_open[j],
+                "share_at_bound": at_bound,
+                "spread": study.spread[j],
+                "partner": PARAMETERS[partner] if partner >= 0 else "",
+                "correlation": study.correlation[j],
+                "verdict": verdict(study.width[j], at_bound),
+            }
+        )
+    return pd.DataFrame(rows, columns=columns)
+
+
+def pooling_rows(study: PoolingStudy | None) -> pd.DataFrame:
+    """Rows of ``pooling``; none without a study."""
+    columns = list(TABLES["pooling"].column_names)
+    if study is None:
+        return pd.DataFrame(columns=columns)
+    own = study.errors[:, 0]
+    rows = [
+        {
+            "strength": strength,
+            "n": len(errors),
+            "held_out_mean": float(errors.mean()),
+            "held_out_median": float(np.median(errors)),
+            "share_better": float(np.mean(errors < own)),
+            "folds": sum(chosen == strength for chosen in study.chosen),
+        }
+        for strength, errors in zip(study.strengths, study.errors.T, strict=True)
+    ]
+    return pd.DataFrame(rows, columns=columns)

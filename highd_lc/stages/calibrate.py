@@ -1,85 +1,73 @@
-"""Calibrate: every follower's LCM from its car-following before t_start; pools for those that cannot be fitted."""
+"""Calibrate: every follower's LCM from its car-following before t_start; a pool's driver for those without one."""
 
-from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
-import pyarrow as pa
 
 from highd_lc.algorithms.calibration import FollowerFit, fit_follower, follower_seed, method_name, unfitted
-from highd_lc.algorithms.following_window import RecordedMotion, following_track
-from highd_lc.io import artefacts
-from highd_lc.io.lcm_summary import summarise_fits
+from highd_lc.algorithms.fitted_drivers import EVERYBODY, FittedDrivers, pool_drivers, refit, with_parameters
+from highd_lc.algorithms.identifiability import Identifiability, identifiability
+from highd_lc.algorithms.pooling import PoolingStudy, study_pooling
+from highd_lc.io import artefacts, lcm_summary
+from highd_lc.io.follower_tracks import RecordedFollower, recorded_followers, track_of, track_row
 from highd_lc.vocab import names
 from highd_lc.vocab.job import Combination, Job, JobReport
 from highd_lc.vocab.lcm_parameters import PARAMETERS, REPLAY_L_BOUNDS, TABLE3_MEANS
 from highd_lc.vocab.tables import TABLES
 
 STAGE = "calibrate"
+PART_TABLES = ("followers", "follower_tracks")
 
 NO_LEADER = "no_leader"
-_COLUMNS = list(TABLES["followers"].column_names)
-_POOL_METHOD, _PUBLISHED_METHOD = "median of the pool", "published means"
+_POOL_METHOD, _PUBLISHED_METHOD = "driver of the pool", "published means"
 
 Row = dict[str, Any]
 
 
 def run(job: Job) -> JobReport:
-    """Fit every follower of a recording's events; write the part ``followers``.
+    """Fit every follower of a recording's events; write the parts ``followers`` and ``follower_tracks``.
 
-    Who cannot be fitted carries the published means here; ``combine`` gives him a pool's parameters.
+    Who cannot be fitted carries the published means here; ``combine`` gives him a pool's driver.
     """
-    events = artefacts.read(job.work, "events", recording=job.recording)
-    tracks = artefacts.read(job.work, "event_tracks", recording=job.recording)
-    vehicles = artefacts.read(job.work, "vehicles", recording=job.recording).set_index("vehicle_id")
-    motions = {key: rows.sort_values("t") for key, rows in tracks.groupby(["event_id", "role"], sort=False)}
-    rows = [row for event in events.itertuples() for row in _event_rows(event, motions, vehicles, job)]
-    frame = pd.DataFrame(rows, columns=_COLUMNS, dtype=None if rows else object)
-    artefacts.write_part(job, STAGE, "followers", frame)
-    fitted = int((frame["status"] == names.FITTED).sum())
-    return JobReport({"fitted": fitted, "not fitted": len(frame) - fitted})
+    fits, tracks = [], []
+    for follower in recorded_followers(job.work, job.recording):
+        seed = follower_seed(job.settings.seed, follower.event_id, follower.rank)
+        fit = unfitted(0, NO_LEADER)
+        if follower.track is not None:
+            fit = fit_follower(follower.track, job.settings.calibrate, seed=seed)
+        about = {"event_id": follower.event_id, "recording_id": follower.recording_id, "follower": follower.rank}
+        fits.append(about | _follower_row(follower, fit, job) | {"seed": seed})
+        if not fit.reason and follower.track is not None:
+            tracks.append(about | track_row(follower.track))
+    for name, rows in (("followers", fits), ("follower_tracks", tracks)):
+        artefacts.write_part(job, STAGE, name, _frame(name, rows))
+    return JobReport({"fitted": len(tracks), "not fitted": len(fits) - len(tracks)})
 
 
-def _event_rows(
-    event: Any, motions: dict[tuple[str, str], pd.DataFrame], vehicles: pd.DataFrame, job: Job
-) -> Iterator[Row]:
-    leader_role = names.TARGET_LEADER
-    for rank, vehicle in enumerate(event.follower_ids, start=1):
-        role = names.target_follower(rank)
-        leader = motions.get((event.event_id, leader_role))
-        seed = follower_seed(job.settings.seed, event.event_id, rank)
-        fit, leader_length = unfitted(0, NO_LEADER), np.nan
-        if leader is not None:
-            recorded = _motion(leader, vehicles)
-            leader_length = recorded.length
-            own = motions[event.event_id, role]
-            track = following_track(_motion(own[own["calibration"]], vehicles, int(vehicle)), recorded)
-            fit = fit_follower(track, job.settings.calibrate, seed=seed)
-        new_leader = event.ego_id if rank == 1 else event.follower_ids[rank - 2]
-        about = {
-            "event_id": event.event_id,
-            "recording_id": event.recording_id,
-            "follower": rank,
-            "vehicle_id": int(vehicle),
-            "class": vehicles.loc[vehicle, "class"],
-            "method": method_name(job.settings.calibrate),
-            "seed": seed,
-        }
-        yield about | _fit_columns(fit, leader_length, float(vehicles.loc[new_leader, "length"]))
-        leader_role = role
+def _frame(name: str, rows: list[Row]) -> pd.DataFrame:
+    return pd.DataFrame(rows, columns=list(TABLES[name].column_names), dtype=None if rows else object)
 
 
-def _motion(rows: pd.DataFrame, vehicles: pd.DataFrame, vehicle: int | None = None) -> RecordedMotion:
-    """Rows of one vehicle; vehicle is needed where there may be no rows."""
-    t, x, v, a = (rows[name].to_numpy(np.float64) for name in ("t", "x", "vx", "ax"))
-    who = int(rows["vehicle_id"].iloc[0]) if vehicle is None else vehicle
-    return RecordedMotion(t, x, v, a, float(vehicles.loc[who, "length"]))
-
-
-def _fit_columns(fit: FollowerFit, leader_length: float, new_leader_length: float) -> Row:
-    """Columns of a fit, or of the published means where there is none."""
+def _follower_row(follower: RecordedFollower, fit: FollowerFit, job: Job) -> Row:
     row = {
+        "vehicle_id": follower.vehicle_id,
+        "class": follower.vehicle_class,
+        "leader_length_m": follower.leader_length,
+        "n_samples": fit.n_samples,
+    }
+    if fit.reason:
+        return row | _published() | {"status": names.TABLE3, "reason": fit.reason}
+    L_replay = moved_behind(float(fit.parameters[-1]), follower.leader_length, follower.replay_leader_length)
+    method = method_name(job.settings.calibrate)
+    return row | _fit_columns(fit) | {"L_replay": L_replay, "status": names.FITTED, "reason": "", "method": method}
+
+
+def _fit_columns(fit: FollowerFit) -> Row:
+    """What a refit changes: parameters, quality, dispersion."""
+    return {
+        **dict(zip(PARAMETERS, fit.parameters.tolist(), strict=True)),
         "objective": fit.objective,
         "objective_ga": fit.objective_ga,
         "rmse_spacing_m": fit.quality.rmse_spacing,
@@ -88,23 +76,16 @@ def _fit_columns(fit: FollowerFit, leader_length: float, new_leader_length: floa
         "nrmse_spacing": fit.quality.nrmse_spacing,
         "theil_u": fit.quality.theil_u,
         "paper_j": fit.quality.paper_j,
-        "n_samples": fit.n_samples,
         "at_bound": list(fit.at_bound),
         "spread": {p: float(s) for p, s in zip(PARAMETERS, fit.spread, strict=True) if np.isfinite(s)},
-        "status": names.TABLE3 if fit.reason else names.FITTED,
-        "reason": fit.reason,
     }
-    if fit.reason:
-        return row | _published()
-    parameters = dict(zip(PARAMETERS, fit.parameters.tolist(), strict=True))
-    L_replay = moved_behind(parameters["L"], leader_length, new_leader_length)
-    return row | parameters | {"L_replay": L_replay, "leader_length_m": leader_length}
 
 
 def _published() -> Row:
     """The published means: fitted behind leaders whose length nobody printed, so L is left as it is."""
     parameters = dict(zip(PARAMETERS, TABLE3_MEANS.as_array().tolist(), strict=True))
-    return parameters | {"L_replay": TABLE3_MEANS.L, "leader_length_m": np.nan, "method": _PUBLISHED_METHOD}
+    about = {"leader_length_m": np.nan, "at_bound": [], "spread": {}, "method": _PUBLISHED_METHOD}
+    return parameters | {"L_replay": TABLE3_MEANS.L} | about
 
 
 def moved_behind(L: float, leader_length: float, new_leader_length: float) -> float:
@@ -113,59 +94,118 @@ def moved_behind(L: float, leader_length: float, new_leader_length: float) -> fl
 
 
 def combine(combination: Combination) -> JobReport:
-    """Give the unfitted their pools, then write ``followers`` and ``summary_lcm``."""
-    work, recordings = combination.work, sorted(combination.recordings)
-    parts = [artefacts.read_part(work, STAGE, "followers", recording) for recording in recordings]
-    fits = pd.concat(parts, ignore_index=True) if parts else pd.DataFrame(columns=_COLUMNS)
-    fitted = fits[fits["status"] == names.FITTED]
-    pools = _pools(fitted)
-    groups = (_with_pools(part, pools, combination, n) for n, part in zip(recordings, parts, strict=True))
+    """Study the fits, draw them together if wanted, give the unfitted their pools; write the artefacts."""
+    work, recordings, settings = combination.work, sorted(combination.recordings), combination.settings.calibrate
+    rows, tracks = (_joined(work, name, recordings) for name in PART_TABLES)
+    lengths = _replay_leader_lengths(work, recordings)
+    fitted = [row for row in rows if row["status"] == names.FITTED]
+    drivers = _drivers(fitted, tracks)
+    identified, pooling = _studies(drivers, combination)
+    if settings.pooling == "penalised" and fitted:
+        best = 0.0 if pooling is None else pooling.best_strength
+        strength = best if settings.pooling_strength is None else settings.pooling_strength
+        drawn = refit(drivers, settings, strength=strength)
+        drivers = with_parameters(drivers, drawn)
+        _replace(fitted, drawn, lengths)
+    _fill_pools(rows, fitted, drivers, combination, lengths)
+    frame = _frame("followers", rows)
+    groups = (
+        artefacts.to_arrow("followers", frame[frame["recording_id"] == recording], combination.provenance)
+        for recording in recordings
+    )
     artefacts.write_groups(work, "followers", groups, combination.provenance)
-    summary = summarise_fits(fitted)
-    table = artefacts.to_arrow("summary_lcm", summary, combination.provenance)
-    artefacts.write_groups(work, "summary_lcm", [table], combination.provenance)
-    return JobReport({"followers": len(fits), "fitted": len(fitted)})
+    artefacts.concatenate(work, STAGE, "follower_tracks", recordings, combination.provenance)
+    own = frame[frame["status"] == names.FITTED]
+    for name, table in (
+        ("summary_lcm", lcm_summary.summarise_fits(own)),
+        ("identifiability", lcm_summary.identifiability_rows(identified, own)),
+        ("pooling", lcm_summary.pooling_rows(pooling)),
+    ):
+        groups = iter([artefacts.to_arrow(name, table, combination.provenance)])
+        artefacts.write_groups(work, name, groups, combination.provenance)
+    return JobReport({"followers": len(rows)})
 
 
-def _pools(fitted: pd.DataFrame) -> dict[str, Row]:
-    """Parameters of each class's pool and of all (key ``""``), for those that have a fitted follower.
+def _joined(work: Path, name: str, recordings: list[int]) -> list[Row]:
+    """The rows of a part table over all recordings."""
+    parts = (artefacts.read_part(work, STAGE, name, recording) for recording in recordings)
+    return [row for part in parts for row in part.to_dict("records")]
 
-    The median, parameter by parameter: on tracks this short many fits sit on bounds, and a mean would average
-    bounds. The pool's leader length is the mean over it.
-    """
-    groups = {vehicle_class: rows for vehicle_class, rows in fitted.groupby("class")} | {"": fitted}
-    return {
-        key: {p: float(rows[p].median()) for p in PARAMETERS}
-        | {"leader_length_m": float(rows["leader_length_m"].mean()), "reason": "", "method": _POOL_METHOD}
-        for key, rows in groups.items()
-        if len(rows)
+
+def _drivers(fitted: list[Row], tracks: list[Row]) -> FittedDrivers:
+    """The fitted followers as arrays; both lists hold the same followers in the same order."""
+    return FittedDrivers(
+        tuple(track_of(row) for row in tracks),
+        np.array([[row[p] for p in PARAMETERS] for row in fitted]).reshape(-1, len(PARAMETERS)),
+        tuple(row["class"] for row in fitted),
+        tuple(row["seed"] for row in fitted),
+    )
+
+
+def _studies(
+    drivers: FittedDrivers, combination: Combination
+) -> tuple[Identifiability | None, PoolingStudy | None]:
+    """Identifiability and pooled fits on a seeded sample; None where the sample is too small."""
+    settings, rng = combination.settings.calibrate, np.random.default_rng(combination.settings.seed)
+    sample = drivers.take(drivers.sample(settings.study_sample, rng))
+    identified = pooling = None
+    if len(sample) >= 1:
+        identified = identifiability(sample.tracks, sample.parameters, settings, seeds=sample.seeds)
+    if len(sample) >= 2:
+        pooling = study_pooling(sample.tracks, settings, rng=rng)
+    return identified, pooling
+
+
+def _replace(fitted: list[Row], drawn: list[FollowerFit], lengths: dict[tuple[str, int], float]) -> None:
+    """Put other fits in the place of the fitted rows'."""
+    for row, fit in zip(fitted, drawn, strict=True):
+        row |= _fit_columns(fit)
+        new_leader = lengths[row["event_id"], row["follower"]]
+        row["L_replay"] = moved_behind(row["L"], row["leader_length_m"], new_leader)
+
+
+def _fill_pools(
+    rows: list[Row],
+    fitted: list[Row],
+    drivers: FittedDrivers,
+    combination: Combination,
+    lengths: dict[tuple[str, int], float],
+) -> None:
+    """Give every unfitted row the common driver of its class, else of everybody, if there is one."""
+    settings, rng = combination.settings.calibrate, np.random.default_rng(combination.settings.seed)
+    elected = {
+        pool: _driver_row(fitted[place], [row for row in fitted if pool in (EVERYBODY, row["class"])])
+        for pool, place in pool_drivers(drivers, settings, rng=rng).items()
     }
+    for row in rows:
+        pool = row["class"] if row["class"] in elected else EVERYBODY
+        if row["status"] == names.FITTED or pool not in elected:
+            continue
+        row |= elected[pool]
+        row["status"] = names.POOL if pool == EVERYBODY else names.CLASS_POOL
+        new_leader = lengths[row["event_id"], row["follower"]]
+        row["L_replay"] = moved_behind(row["L"], row["leader_length_m"], new_leader)
 
 
-def _with_pools(part: pd.DataFrame, pools: dict[str, Row], combination: Combination, recording: int) -> pa.Table:
-    """A recording's rows with pool parameters for those that were not fitted."""
-    rows = part.to_dict("records")
-    if any(row["status"] != names.FITTED for row in rows) and pools:
-        lengths = _replay_leader_lengths(combination, recording)
-        for row in rows:
-            if row["status"] != names.FITTED:
-                own_class = row["class"] in pools
-                pool = pools[row["class"] if own_class else ""]
-                new_leader = lengths[row["event_id"], row["follower"]]
-                row |= pool | {"reason": row["reason"]}
-                row["status"] = names.CLASS_POOL if own_class else names.POOL
-                row["L_replay"] = moved_behind(pool["L"], pool["leader_length_m"], new_leader)
-    frame = pd.DataFrame(rows, columns=_COLUMNS, dtype=None if rows else object)
-    return artefacts.to_arrow("followers", frame, combination.provenance)
+def _driver_row(driver: Row, members: list[Row]) -> Row:
+    """What a pool's rows take from its driver; the spread is that between the pool's drivers."""
+    taken = {name: driver[name] for name in (*PARAMETERS, "leader_length_m", "at_bound")}
+    spread = {p: float(np.std([row[p] for row in members])) for p in PARAMETERS}
+    return taken | {"spread": spread, "method": _POOL_METHOD}
 
 
-def _replay_leader_lengths(combination: Combination, recording: int) -> dict[tuple[str, int], float]:
+def _replay_leader_lengths(work: Path, recordings: list[int]) -> dict[tuple[str, int], float]:
     """Length of the leader that each follower has in the replay: the ego, then the follower before it."""
-    events = artefacts.read(combination.work, "events", recording=recording)
-    vehicles = artefacts.read(combination.work, "vehicles", recording=recording)
-    length = dict(zip(vehicles["vehicle_id"].tolist(), vehicles["length"].tolist(), strict=True))
-    return {
-        (event.event_id, rank): length[leader]
-        for event in events.itertuples()
-        for rank, leader in enumerate([event.ego_id, *event.follower_ids[:-1]], start=1)
-    }
+    lengths: dict[tuple[str, int], float] = {}
+    for recording in recordings:
+        events = artefacts.read(
+            work, "events", recording=recording, columns=["event_id", "ego_id", "follower_ids"]
+        )
+        vehicles = artefacts.read(work, "vehicles", recording=recording, columns=["vehicle_id", "length"])
+        length = dict(zip(vehicles["vehicle_id"].tolist(), vehicles["length"].tolist(), strict=True))
+        lengths |= {
+            (event.event_id, rank): length[leader]
+            for event in events.itertuples()
+            for rank, leader in enumerate([event.ego_id, *event.follower_ids[:-1]], start=1)
+        }
+    return lengths

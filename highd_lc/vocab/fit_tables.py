@@ -33,7 +33,9 @@ IDENTIFIABILITY = Table(
     (
         word("parameter", "LCM parameter", PARAMETERS),
         count("n", "followers in the sample"),
-        number("width", "median width of the interval with objectives within 5 % of the best, as a share of the range"),
+        number(
+            "width", "median width of the interval with objectives within 5 % of the best, as a share of the range"
+        ),
         number("share_open", "share of followers whose interval reaches a bound", minimum=0, maximum=1),
         number("share_at_bound", "share of all fits on a bound", minimum=0, maximum=1),
         number("spread", "median standard deviation over seeds, in the parameter's unit", minimum=0),
@@ -50,9 +52,13 @@ POOLING = Table(
     (
         number("strength", "0 = own fit, infinite = everybody drives as the median"),
         count("n", "followers in the sample"),
-        number("held_out_mean", "mean objective on the last third of the tracks, fitted to the first two", minimum=0),
+        number(
+            "held_out_mean", "mean objective on the last third of the tracks, fitted to the first two", minimum=0
+        ),
         number("held_out_median", "median of the same", minimum=0),
-        number("share_better", "share of followers that it predicts better than their own fit", minimum=0, maximum=1),
+        number(
+            "share_better", "share of followers that it predicts better than their own fit", minimum=0, maximum=1
+        ),
         count("folds", "folds of the cross-validation that chose it"),
     ),
 )

@@ -118,6 +118,17 @@ class CalibrateSettings(Section):
     screened: Annotated[
         int, Field(ge=64, le=2**20, description="Sobol points that the screen looks at (SPEED: 2048)")
     ] = 2048
+    pooling: Annotated[
+        Literal["none", "penalised"],
+        Field(description="whether fits are drawn towards the median of their class"),
+    ] = "none"
+    pooling_strength: Annotated[
+        float | None,
+        Field(ge=0, le=1, description="strength of that penalty; none = by cross-validation on a sample"),
+    ] = None
+    study_sample: Annotated[
+        int, Field(ge=0, le=100000, description="fitted followers whose identifiability is studied")
+    ] = 40
     min_window_s: Annotated[
         float, Field(gt=0, le=60, description="shortest car-following window that is fitted [s]")
     ] = 3.0

@@ -7,6 +7,7 @@ from highd_lc.vocab.columns import Column, Table
 from highd_lc.vocab.columns import count as _count
 from highd_lc.vocab.columns import number as _number
 from highd_lc.vocab.columns import word as _word
+from highd_lc.vocab.fit_tables import FIT_TABLES
 from highd_lc.vocab.lcm_parameters import PARAMETERS, UNITS
 from highd_lc.vocab.scenario_tables import SCENARIO_TABLES
 
@@ -188,7 +189,9 @@ FOLLOWERS = Table(
         _count("n_samples", "samples of 0.1 s in the calibration window"),
         Column("at_bound", "list<string>", "parameters that sit on a bound"),
         Column(
-            "spread", "map<string,float64>", "standard deviation of each parameter over equally good starts"
+            "spread",
+            "map<string,float64>",
+            "standard deviation of each parameter over equally good starts, or over the pool's followers",
         ),
         _word("status", "where the parameters come from", names.FIT_STATUSES),
         _word("reason", "why the follower was not fitted; empty when fitted"),
@@ -383,6 +386,7 @@ TABLES: Final = {
         SUMMARY_LCM,
         SUMMARY_LOSSES,
         EVENT_PAGES,
+        *FIT_TABLES,
         *SCENARIO_TABLES,
     )
 }
