@@ -1,4 +1,4 @@
-"""What a fit can know: profiles of the objective, correlation of parameters, dispersion over seeds.
+"""What a fit can know: profiles of the objective, correlation of parameters, dispersion over the GA's seeds.
 
 On 7 to 13 s of car following many parameter sets fit equally well (SPEC section 9). These functions say which
 parameters a track determines, and over what range the others may vary at nearly the same objective.
@@ -11,10 +11,12 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from highd_lc.algorithms.calibration import fit_follower, pose
+from highd_lc.algorithms.calibration import pose
+from highd_lc.algorithms.genetic import GeneticAlgorithm
 from highd_lc.algorithms.least_squares import STARTS, curvature, descend
 from highd_lc.algorithms.screening import screen
 from highd_lc.core.car_following import FitProblem, FollowingTrack
+from highd_lc.vocab.fit_tables import BELIEVED, NOT_IDENTIFIABLE, WEAK
 from highd_lc.vocab.lcm_parameters import PARAMETERS
 from highd_lc.vocab.settings import CalibrateSettings
 
@@ -96,10 +98,10 @@ def correlations(problem: FitProblem, best: FloatArray) -> FloatArray:
     return result
 
 
-def spread_over_seeds(track: FollowingTrack, settings: CalibrateSettings, seeds: Sequence[int]) -> FloatArray:
-    """Standard deviation of each parameter over fits with other seeds, shape (6,)."""
-    fits = [fit_follower(track, settings, seed=seed) for seed in seeds]
-    spread: FloatArray = np.std([fit.parameters for fit in fits], axis=0)
+def spread_over_seeds(problem: FitProblem, seeds: Sequence[int]) -> FloatArray:
+    """Standard deviation of each parameter over the paper's GA with other seeds, not polished, shape (6,)."""
+    found = [GeneticAlgorithm().minimise(problem, np.random.default_rng(seed)).parameters for seed in seeds]
+    spread: FloatArray = np.std(found, axis=0)
     return spread
 
 
@@ -108,8 +110,9 @@ class Identifiability:
     """What the tracks of a sample determine, by parameter, each of shape (6,).
 
     width: median width of the profile's interval as a share of the range; share_open: share of followers whose
-    interval reaches a bound; spread: median over followers of the standard deviation over seeds [parameter's
-    unit]; partner: index of the most correlated other parameter (-1: none known); correlation: median |r| with it.
+    interval reaches a bound; spread: median over followers of the standard deviation over seeds of the GA, in the
+    parameter's unit; partner: index of the most correlated other parameter (-1: none known); correlation: median
+    |r| with it.
     """
 
     n: int
@@ -136,7 +139,7 @@ def identifiability(
         low, high = (np.array([getattr(p, end) for p in profiles]) for end in ("low", "high"))
         widths.append((high - low) / (problem.upper - problem.lower))
         opens.append((low <= problem.lower) | (high >= problem.upper))
-        spreads.append(spread_over_seeds(track, settings, [seed + r for r in range(repeats)]))
+        spreads.append(spread_over_seeds(problem, [seed + r for r in range(repeats)]))
         matrices.append(np.abs(correlations(problem, best)))
     partner, correlation = _partners(np.array(matrices))
     return Identifiability(
@@ -167,7 +170,7 @@ def verdict(width: float, share_at_bound: float) -> str:
 
     width: median width of its interval as a share of its range; share_at_bound: share of all fits on a bound.
     """
-    for word, (widest, most) in (("believed", _BELIEVED), ("weak", _WEAK)):
+    for word, (widest, most) in ((BELIEVED, _BELIEVED), (WEAK, _WEAK)):
         if width <= widest and share_at_bound <= most:
             return word
-    return "not identifiable"
+    return NOT_IDENTIFIABLE

@@ -38,7 +38,11 @@ IDENTIFIABILITY = Table(
         ),
         number("share_open", "share of followers whose interval reaches a bound", minimum=0, maximum=1),
         number("share_at_bound", "share of all fits on a bound", minimum=0, maximum=1),
-        number("spread", "median standard deviation over seeds, in the parameter's unit", minimum=0),
+        number(
+            "spread",
+            "median standard deviation over seeds of the GA, not polished, in the parameter's unit",
+            minimum=0,
+        ),
         word("partner", "parameter with which it is most correlated; empty if unknown"),
         number("correlation", "median |r| with it", minimum=0, maximum=1),
         word("verdict", "whether its values may be believed", VERDICTS),
