@@ -5,6 +5,7 @@ from collections import OrderedDict
 from itertools import zip_longest
 from typing import Any, Final
 
+from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
@@ -48,6 +49,15 @@ def event_figure(report: EventReport) -> Figure:
     _add_legend(figure)
     figure.text(0.012, 0.975, title(report), fontsize=FONT_SIZE + 2, color=INK, va="center", parse_math=False)
     return figure
+
+
+def event_vector(report: EventReport, kind: str) -> bytes:
+    """The figure of an event as PDF or SVG, the same bytes for the same event."""
+    sink = io.BytesIO()
+    date = {"pdf": "CreationDate", "svg": "Date"}[kind]
+    with rc_context({"svg.hashsalt": "highd_lc"}):
+        event_figure(report).savefig(sink, format=kind, metadata={date: None})
+    return sink.getvalue()
 
 
 def title(report: EventReport) -> str:

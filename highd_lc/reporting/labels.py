@@ -32,6 +32,12 @@ POLICIES: Final = {
     names.LOCAL_OPTIMUM: Look("Local optimum", "#0072B2", "#5ab4ec"),
     names.BENCHMARK_FREE: Look("Benchmark, free end speed", "#A87400", "#f0b93a", dashed=True),
     names.LOCAL_OPTIMUM_FREE: Look("Local optimum, free end speed", "#2A8FC9", "#8fd0f7", dashed=True),
+    names.BENCHMARK_START: Look("Benchmark, chosen start", "#8C3A00", "#ff9f66"),
+    names.LOCAL_OPTIMUM_START: Look("Local optimum, chosen start", "#004C78", "#4aa6e8"),
+    names.BENCHMARK_FREE_START: Look("Benchmark, chosen start, free end speed", "#7A5A00", "#d9a52a", dashed=True),
+    names.LOCAL_OPTIMUM_FREE_START: Look(
+        "Local optimum, chosen start, free end speed", "#1F6F9E", "#74c6f2", dashed=True
+    ),
 }
 
 ACCOUNTINGS: Final = {
@@ -46,7 +52,12 @@ ACCOUNTING_NAMES: Final = {
     names.EQUAL: "Equal",
 }
 
-FORMS: Final = {names.FIXED: "Fixed end speed", names.FREE: "Free end speed"}
+FORMS: Final = {
+    names.FIXED: "Fixed end speed",
+    names.FREE: "Free end speed",
+    names.START: "Chosen start, fixed end speed",
+    names.FREE_START: "Chosen start, free end speed",
+}
 
 STATUSES: Final = {
     names.SOLVED: "solved",

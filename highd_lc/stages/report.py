@@ -1,5 +1,6 @@
 """Report: a page and a picture of each event, then the pages of the whole run."""
 
+import re
 from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
@@ -10,7 +11,7 @@ import pandas as pd
 from highd_lc.io import artefacts
 from highd_lc.io.scenes import load_scenes
 from highd_lc.reporting.event import PAIRS, EventReport
-from highd_lc.reporting.figures_event import VECTOR_FORMATS, EventPainter, event_figure
+from highd_lc.reporting.figures_event import VECTOR_FORMATS, EventPainter, event_vector
 from highd_lc.reporting.pages_event import Links, event_page
 from highd_lc.reporting.pages_index import SPARK_SECONDS, IndexTables, index_page
 from highd_lc.reporting.pages_population import calibration_page, dictionary_page, excluded_page, matrix_page
@@ -23,6 +24,7 @@ from highd_lc.vocab.settings import ReportSettings
 from highd_lc.vocab.tables import TABLES
 
 STAGE = "report"
+_EVENT_ID = re.compile(r"\d{2,}-\d{4,}-\d{5,}")
 _MOST_AUTOMATIC = 500
 """Up to this many events, ``png = "auto"`` draws all of them."""
 
@@ -106,12 +108,16 @@ def _painter() -> EventPainter:
 
 
 def _write_event(report: EventReport, links: Links, *, request: ReportRequest, raw: bool) -> None:
-    folder = request.reports / "events"
-    _write(folder / f"{report.event_id}.html", event_page(report, links, raw=raw).encode("utf-8"))
+    """Write the page and the pictures asked for; pictures of an earlier run that are not are removed."""
+    base = request.reports / "events" / report.event_id
+    _write(base.with_suffix(".html"), event_page(report, links, raw=raw).encode("utf-8"))
     if links.png:
-        _write(folder / f"{report.event_id}.png", _painter().png(report))
+        _write(base.with_suffix(".png"), _painter().png(report))
     for kind in links.vector:
-        event_figure(report).savefig(folder / f"{report.event_id}.{kind}", format=kind)
+        _write(base.with_suffix(f".{kind}"), event_vector(report, kind))
+    made = {*links.vector, "png" if links.png else ""}
+    for kind in {"png", *VECTOR_FORMATS} - made:
+        base.with_suffix(f".{kind}").unlink(missing_ok=True)
 
 
 def _page_row(report: EventReport, job: Job, links: Links) -> dict[str, object]:
@@ -158,7 +164,18 @@ def combine(combination: Combination, *, request: ReportRequest) -> JobReport:
     pages = dict(_overview_pages(work, raw))
     for name, page in pages.items():
         _write(request.reports / name, page.encode("utf-8"))
+    _remove_stale(
+        request.reports / "events", set(artefacts.read(work, "events", columns=["event_id"])["event_id"])
+    )
     return JobReport({"overview_pages": len(pages)})
+
+
+def _remove_stale(folder: Path, events: set[str]) -> None:
+    """Remove pages and pictures of events that the run no longer has; nothing else is touched."""
+    for path in folder.glob("*.*") if folder.is_dir() else ():
+        kind = path.suffix.lstrip(".") in {"html", "png", *VECTOR_FORMATS}
+        if kind and _EVENT_ID.fullmatch(path.stem) and path.stem not in events:
+            path.unlink()
 
 
 def _overview_pages(work: Path, raw: bool) -> Iterator[tuple[str, str]]:

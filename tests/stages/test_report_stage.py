@@ -1,0 +1,219 @@
+import json
+import re
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from highd_lc.io import artefacts
+from highd_lc.stages import calibrate, extract, ingest, report, validate
+from highd_lc.vocab import names
+from highd_lc.vocab.errors import UsageError
+from highd_lc.vocab.job import Combination, Job, Provenance
+from highd_lc.vocab.settings import (
+    CalibrateSettings,
+    ReportSettings,
+    Settings,
+    StatisticsSettings,
+    ValidateSettings,
+)
+
+FIXTURES = Path(__file__).parents[1] / "fixtures"
+RECORDINGS = (1, 2)
+PROVENANCE = Provenance("0123abcd", {"01": "feed"}, 1, "code-1")
+SETTINGS = Settings(
+    calibrate=CalibrateSettings(population=20, generations=5),
+    validate=ValidateSettings(statistics=StatisticsSettings(bootstrap=100)),
+)
+
+
+def job(work: Path, recording: int, settings: Settings = SETTINGS) -> Job:
+    return Job(recording, FIXTURES, work, settings, PROVENANCE)
+
+
+def combination(work: Path, settings: Settings = SETTINGS) -> Combination:
+    return Combination(RECORDINGS, work, settings, PROVENANCE)
+
+
+@pytest.fixture(scope="module")
+def work(tmp_path_factory) -> Path:
+    """Artefacts of the small recordings, up to validate."""
+    folder = tmp_path_factory.mktemp("work")
+    for stage, joined in (
+        (ingest, ("vehicles", "recordings")),
+        (extract, ("crossings", "events", "event_tracks")),
+        (calibrate, ()),
+        (validate, ()),
+    ):
+        for recording in RECORDINGS:
+            stage.run(job(folder, recording))
+        for name in joined:
+            artefacts.concatenate(folder, stage.STAGE, name, RECORDINGS, PROVENANCE)
+        if not joined:
+            stage.combine(combination(folder))
+    return folder
+
+
+@pytest.fixture(scope="module")
+def made(work, tmp_path_factory) -> Path:
+    """The whole report."""
+    folder = tmp_path_factory.mktemp("reports")
+    make(work, folder)
+    return folder
+
+
+def make(work: Path, folder: Path, settings: Settings = SETTINGS, **wanted) -> None:
+    request = report.choose(work, settings.report, reports=folder, **wanted)
+    for recording in RECORDINGS:
+        report.run(job(work, recording, settings), request=request)
+    report.combine(combination(work, settings), request=request)
+
+
+def events(work: Path) -> list[str]:
+    return artefacts.read(work, "events")["event_id"].tolist()
+
+
+def payload(page: Path) -> dict:
+    text = page.read_text(encoding="utf-8")
+    return json.loads(re.search(r'<script type="application/json" id="data">(.*?)</script>', text).group(1))
+
+
+def test_every_event_has_its_page_and_picture_and_nothing_else_is_there(work, made):
+    assert len(events(work)) >= 3
+    expected = {f"{e}.{kind}" for e in events(work) for kind in ("html", "png")}
+    assert {path.name for path in (made / "events").iterdir()} == expected
+    overview = {
+        "index.html",
+        "summary.html",
+        "matrix.html",
+        "calibration.html",
+        "excluded.html",
+        "dictionary.html",
+    }
+    assert {path.name for path in made.iterdir()} == overview | {"events"}
+
+
+def test_every_link_leads_to_a_file(made):
+    for page in made.rglob("*.html"):
+        for link in re.findall(r' href="(?!data:)([^"#]+)', page.read_text(encoding="utf-8")):
+            assert (page.parent / link).is_file(), (page, link)
+
+
+def test_every_crossing_is_an_event_or_listed_as_excluded(work, made):
+    excluded = (made / "excluded.html").read_text(encoding="utf-8")
+    for row in artefacts.read(work, "crossings").itertuples():
+        assert row.usable == (made / "events" / f"{row.event_id}.html").exists()
+        assert row.usable != (row.event_id in excluded)
+
+
+def test_the_index_gains_are_those_of_the_losses(work, made):
+    data = payload(made / "index.html")
+    losses = artefacts.read(work, "losses").set_index(["event_id", "policy", "accounting"])["loss_total"]
+    for row, gain in zip(data["rows"], data["values"]["fixed/equal"]["gain"], strict=True):
+        local, benchmark = (losses[row[0], policy, "equal"] for policy in (names.LOCAL_OPTIMUM, names.BENCHMARK))
+        assert gain == pytest.approx(100 * (1 - local / benchmark), abs=6e-4)
+
+
+def follower_loss(play: dict, weights: list[float], last: int) -> float:
+    """The followers' loss recomputed from what a page draws (SPEC section 4)."""
+    import base64
+
+    values, offset, data = [], 0, np.frombuffer(base64.b64decode(play["data"]), np.int8)
+    for step, base, first, count in play["channels"]:
+        assert first == 0
+        values.append(step * (base + np.cumsum(data[offset : offset + count].astype(int))))
+        offset += count
+    speeds, accelerations = values[7::4], values[8::4]
+    comfort = [np.abs(np.diff(a[: last + 1])).sum() / 0.1 / 8.0 for a in accelerations]
+    efficiency = [np.abs(v[: last + 1] - 33.54).sum() / 33.54 for v in speeds]
+    return 0.5 * float(np.dot(weights, comfort) + np.dot(weights, efficiency))
+
+
+def test_what_a_page_draws_is_what_the_tables_were_made_from(work, made):
+    losses = artefacts.read(work, "losses")
+    chosen = losses[(losses["accounting"] == "equal") & losses["policy"].isin(names.FIXED_POLICIES)].dropna(
+        subset="loss_total"
+    )
+    assert len(chosen)
+    for row in chosen.itertuples():
+        plays = payload(made / "events" / f"{row.event_id}.html")["plays"]
+        play = next(p for p in plays if p["policy"] == row.policy and "equal" in p["accountings"])
+        # Rounding to 0.01 m/s^2 adds noise to the comfort sums.
+        assert follower_loss(play, row.follower_weights, 150) == pytest.approx(row.loss_hv, rel=0.05)
+
+
+def test_surface_and_plan_agree(work, made):
+    for event_id in events(work):
+        data = payload(made / "events" / f"{event_id}.html")
+        for policy, _, T, offset in data["surface"]["points"]:
+            assert data["surface"]["x"][0] <= offset <= data["surface"]["x"][-1], policy
+            assert T > 0
+
+
+def test_the_same_run_gives_the_same_bytes(work, made, tmp_path):
+    make(work, tmp_path)
+    for path in made.rglob("*.*"):
+        assert (tmp_path / path.relative_to(made)).read_bytes() == path.read_bytes(), path.name
+
+
+def test_one_event_leaves_everything_else_alone(work, tmp_path):
+    chosen = events(work)[1]
+    (tmp_path / "index.html").write_text("old")
+    make(work, tmp_path, events=(chosen,), vector=("pdf", "svg"))
+    assert {path.name for path in (tmp_path / "events").iterdir()} == {
+        f"{chosen}.{k}" for k in ("html", "png", "pdf", "svg")
+    }
+    assert (tmp_path / "index.html").read_text() == "old"
+
+
+def test_unknown_events_and_formats_are_refused(work, tmp_path):
+    with pytest.raises(UsageError, match="event '99-0000-00000': not among the"):
+        report.choose(work, ReportSettings(), reports=tmp_path, events=("99-0000-00000",))
+    with pytest.raises(UsageError, match="vector 'gif': choose from pdf, svg"):
+        report.choose(work, ReportSettings(), reports=tmp_path, vector=("gif",))
+
+
+@pytest.mark.parametrize(("png", "top", "expected"), [("none", 2, 0), ("top", 2, 2), ("all", 2, None)])
+def test_png_modes(work, tmp_path, png, top, expected):
+    request = report.choose(work, ReportSettings(png=png, top=top), reports=tmp_path)
+    assert (None if request.pictures is None else len(request.pictures)) == expected
+
+
+def test_top_events_are_those_that_differ_most(work):
+    losses = artefacts.read(work, "losses")
+    wide = losses[losses["accounting"] == "equal"].pivot_table(
+        index="event_id", columns="policy", values="loss_total"
+    )
+    difference = (1 - wide[names.LOCAL_OPTIMUM] / wide[names.BENCHMARK]).abs()
+    assert report.top_events(work, 1) == {difference.idxmax()}
+
+
+def test_pictures_no_longer_wanted_and_stale_events_go_foreign_files_stay(work, tmp_path):
+    folder = tmp_path / "events"
+    folder.mkdir()
+    for name in ("77-0001-00001.html", f"{events(work)[0]}.png", f"{events(work)[0]}.pdf", "notes.html"):
+        (folder / name).write_text("from an earlier run")
+    make(work, tmp_path, SETTINGS.model_copy(update={"report": ReportSettings(png="none")}))
+    assert {path.name for path in folder.iterdir()} == {"notes.html", *(f"{e}.html" for e in events(work))}
+
+
+def test_raw_pages_hold_finer_recorded_motion(work, made, tmp_path):
+    make(work, tmp_path, SETTINGS.model_copy(update={"report": ReportSettings(raw=True, png="none")}))
+    event_id = events(work)[0]
+
+    def finest(folder: Path) -> float:
+        plays = payload(folder / "events" / f"{event_id}.html")["plays"]
+        recorded = next(p for p in plays if p["policy"] == "recorded")
+        return min(channel[0] for channel in recorded["channels"])
+
+    assert finest(tmp_path) == 0.01
+    assert finest(made) == 0.1
+
+
+def test_the_part_for_the_index_holds_the_start(work, made):
+    pages = artefacts.read(work, "event_pages").set_index("event_id")
+    tracks = artefacts.read(work, "event_tracks")
+    start = tracks[tracks["t"].abs() < 1e-9].set_index(["event_id", "role"])["vx"]
+    expected = pd.Series({e: start[e, names.target_follower(1)] - start[e, names.EGO] for e in pages.index})
+    pd.testing.assert_series_equal(pages["hv1_speed_difference_mps"], expected, check_names=False, atol=1e-6)
