@@ -218,10 +218,12 @@ def _survive(
 ) -> None:
     """Put the children among the best n of parents and children in the places of the parents that are not."""
     n = len(objectives)
-    pool[:n] = objectives
-    pool[n:] = child_objectives
+    for i in range(n):
+        pool[i], pool[n + i] = objectives[i], child_objectives[i]
     limit = _select(pool, n - 1)
-    ties, donor = n - np.sum(pool < limit), 0
+    ties, donor = n, 0
+    for i in range(2 * n):
+        ties -= int(pool[i] < limit)
     for place in range(n):
         if objectives[place] < limit:
             continue

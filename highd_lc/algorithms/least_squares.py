@@ -93,8 +93,9 @@ def _linearise(
     normal: FloatArray,
 ) -> None:
     """Normal equations of the majorant at the trial points, whose candidates have just been simulated."""
-    scales, inverse = np.ones((2, STARTS)), np.empty(6 * STARTS)
-    normal[:] = 0.0
+    scales, inverse = np.empty((2, STARTS)), np.empty(6 * STARTS)
+    for i in range(_ROWS * STARTS):
+        normal[i] = 0.0
     for s in range(STARTS):
         for j in range(6):
             inverse[j * STARTS + s] = 1.0 / (candidates[j, (1 + j) * STARTS + s] - candidates[j, s])
@@ -106,7 +107,9 @@ def _linearise(
         now = k * SIMULATED * LANES
         if problem.open_loop:
             recorded = problem.track[A, k]
-            scales[0, :] = math.sqrt(2.0 * problem.weights[2] / max(abs(recorded), ACCELERATION_FLOOR))
+            weight = 2.0 * problem.weights[2] / max(abs(recorded), ACCELERATION_FLOOR)
+            for s in range(STARTS):
+                scales[0, s] = math.sqrt(weight)
             _accumulate(now + SIM_A * LANES, recorded, states, scales[0], inverse, normal)
         else:
             _accumulate(now + SIM_X * LANES, problem.track[X, k], states, scales[0], inverse, normal)
@@ -121,18 +124,17 @@ def _linearise(
 @njit(cache=True, nogil=True, error_model="numpy")
 def _solve_free(matrix: FloatArray, right: FloatArray, free: NDArray[np.bool_], step: FloatArray) -> None:
     """Solve matrix step = right for the free components by Cholesky; the others of step are given (6, 6)."""
-    factor = np.zeros((6, 6))
+    factor, solution = np.empty((6, 6)), np.empty(6)
     for i in range(6):
-        if not free[i]:
-            factor[i, i] = 1.0
-            continue
+        solution[i] = 0.0
         for j in range(i + 1):
-            if free[j]:
-                value = matrix[i, j]
-                for m in range(j):
-                    value -= factor[i, m] * factor[j, m]
-                factor[i, j] = math.sqrt(max(value, 1e-300)) if i == j else value / factor[j, j]
-    solution = np.zeros(6)
+            if not (free[i] and free[j]):
+                factor[i, j] = 1.0 if i == j else 0.0
+                continue
+            value = matrix[i, j]
+            for m in range(j):
+                value -= factor[i, m] * factor[j, m]
+            factor[i, j] = math.sqrt(max(value, 1e-300)) if i == j else value / factor[j, j]
     for i in range(6):
         if free[i]:
             value = right[i]
@@ -166,7 +168,7 @@ def _bounded_step(
     a bound that the gradient pushes outward stay; components whose step would leave the bounds stop there and the
     rest is solved again.
     """
-    matrix, right, free = np.empty((6, 6)), np.empty(6), np.ones(6, np.bool_)
+    matrix, right, free = np.empty((6, 6)), np.empty(6), np.empty(6, np.bool_)
     for i in range(6):
         for j in range(i + 1):
             matrix[i, j] = matrix[j, i] = equations[i * (i + 1) // 2 + j]
@@ -198,10 +200,17 @@ def _descend(
 ) -> FloatArray:
     """Improve the starts points (6, n), n <= STARTS, in place; returns their objectives (n,)."""
     n = points.shape[1]
-    candidates = np.ones((6, 7 * STARTS))
+    candidates = np.empty((6, 7 * STARTS))
     values, normal = np.empty(7 * STARTS), np.empty(_ROWS * STARTS)
-    best, damping = np.full(n, np.inf), np.full(n, _FIRST_DAMPING)
-    equations, trial, step = np.empty((n, _RESIDUAL)), points.copy(), np.empty(6)
+    best, damping = np.empty(n), np.empty(n)
+    equations, trial, step = np.empty((n, _RESIDUAL)), np.empty((6, n)), np.empty(6)
+    for s in range(n):
+        best[s], damping[s] = np.inf, _FIRST_DAMPING
+    for j in range(6):
+        for i in range(7 * STARTS):
+            candidates[j, i] = problem.lower[j]
+        for s in range(n):
+            trial[j, s] = points[j, s]
     for _ in range(iterations + 1):
         _spread_candidates(problem, n, trial, candidates)
         evaluate_tile(problem, candidates, 0, 7 * STARTS, scratch, states, values)
@@ -209,7 +218,8 @@ def _descend(
         for s in range(n):
             if values[s] < best[s]:
                 best[s] = values[s]
-                points[:, s] = trial[:, s]
+                for j in range(6):
+                    points[j, s] = trial[j, s]
                 damping[s] = max(damping[s] * _SOFTER, _LEAST_DAMPING)
                 for row in range(_RESIDUAL):
                     equations[s, row] = normal[row * STARTS + s]
