@@ -11,6 +11,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from highd_lc.core.exponential import vector_exp
+from highd_lc.vocab.lcm_parameters import REPLAY_L_BOUNDS
 
 # exp(40) = 2e17 m/s^2 is far outside anything that a simulation survives with positive speed; the cap only
 # keeps sums finite when a search tries parameters that let vehicles run through each other.
@@ -51,6 +52,16 @@ def lcm_acceleration(
     return A * (1.0 - v / v_desire - vector_exp(exponent))
 
 
+def moved_behind(L: float, leader_length: float, new_leader_length: float) -> float:
+    """L moved from the leader it was fitted behind to the leader of a replay [m] (SPEC section 3).
+
+    NaN for the length of a leader that nobody knows, as with published parameters, leaves L as it is.
+    """
+    if np.isnan(leader_length):
+        return L
+    return float(np.clip(L - leader_length + new_leader_length, *REPLAY_L_BOUNDS))
+
+
 def equilibrium_spacing(v: float, parameters: NDArray[np.float64]) -> float:
     """Spacing [m] at which a follower and its leader both drive at v [m/s]: s* (1 - ln(1 - v / v_desire)).
 
@@ -83,6 +94,4 @@ def lcm_jerk(
     s_star_rate = v * a / b - v_leader * a_leader / B + a * tau if wanted > L else 0.0
     spacing_rate = v_leader - v
     closeness = np.exp(1.0 - spacing / s_star)
-    return float(
-        A * (-a / v_desire + (spacing_rate / s_star - spacing * s_star_rate / s_star**2) * closeness)
-    )
+    return float(A * (-a / v_desire + (spacing_rate / s_star - spacing * s_star_rate / s_star**2) * closeness))

@@ -9,11 +9,12 @@ import pandas as pd
 from numpy.typing import NDArray
 from scipy.signal import savgol_filter
 
+from highd_lc.core.lcm import moved_behind
 from highd_lc.core.losses import command_jerk
 from highd_lc.core.resampling import hermite
 from highd_lc.io import artefacts
 from highd_lc.vocab import names
-from highd_lc.vocab.lcm_parameters import PARAMETERS, REPLAY_L_BOUNDS, TABLE3_MEANS
+from highd_lc.vocab.lcm_parameters import PARAMETERS, TABLE3_MEANS
 from highd_lc.vocab.scene import Followers, Human, Motion, Scene
 from highd_lc.vocab.settings import PlannerSettings, ValidateSettings
 
@@ -38,26 +39,26 @@ class _Recording:
 
 def load_scenes(work: Path, recording: int, settings: ValidateSettings) -> Iterator[Scene]:
     """The scenes of a recording's events in the order of the events table."""
-    tables = _load(work, recording)
+    tables = _load(work, recording, settings.planner)
     for event in tables.events.itertuples():
         yield _scene(event, tables, settings)
 
 
 def load_scene(work: Path, event_id: str, settings: ValidateSettings) -> Scene:
-    """The scene of one event. Raises StopIteration's caller error KeyError if there is no such event."""
+    """The scene of one event. Raises KeyError if there is no such event."""
     recording = int(event_id.split("-")[0])
-    tables = _load(work, recording)
+    tables = _load(work, recording, settings.planner)
     chosen = tables.events[tables.events["event_id"] == event_id]
     if chosen.empty:
         raise KeyError(event_id)
     return _scene(next(chosen.itertuples()), tables, settings)
 
 
-def _load(work: Path, recording: int) -> _Recording:
+def _load(work: Path, recording: int, settings: PlannerSettings) -> _Recording:
     events = artefacts.read(work, "events", recording=recording)
     rows = artefacts.read(work, "event_tracks", recording=recording)
     vehicles = artefacts.read(work, "vehicles", recording=recording)
-    followers = artefacts.read(work, "followers", recording=recording)
+    followers = _drivers(work, artefacts.read(work, "followers", recording=recording), settings)
     sizes = zip(vehicles["length"], vehicles["width"], strict=True)
     return _Recording(
         events,
@@ -65,6 +66,18 @@ def _load(work: Path, recording: int) -> _Recording:
         dict(zip(vehicles["vehicle_id"].tolist(), sizes, strict=True)),
         {event: fits.sort_values("follower") for event, fits in followers.groupby("event_id", sort=False)},
     )
+
+
+def _drivers(work: Path, fits: pd.DataFrame, settings: PlannerSettings) -> pd.DataFrame:
+    """The followers with the parameters that the setting asks for, and the leader length that L goes with."""
+    if settings.parameters == "fitted":
+        return fits
+    columns = [*PARAMETERS, "leader_length_m"]
+    everybody = artefacts.read(work, "followers", columns=["status", *columns])
+    fitted = everybody.loc[everybody["status"] == names.FITTED, columns]
+    if settings.parameters == "table3" or fitted.empty:
+        return fits.assign(**dict(zip(columns, [*TABLE3_MEANS.as_array(), np.nan], strict=True)))
+    return fits.assign(**fitted.mean())
 
 
 def _arrays(rows: pd.DataFrame) -> dict[str, FloatArray]:
@@ -152,33 +165,28 @@ def _followers(
         track = tables.tracks[event_id, names.target_follower(rank)]
         sizes.append(tables.sizes[int(track["vehicle_id"][0])])
         recorded.append(_motion(track, sizes[-1], settings.loss.horizon_s))
-    parameters = _parameters(fits, settings.planner)
     length, width = np.array(sizes).T
+    first = fits.iloc[0]
+    no_change = target_leader.length if target_leader is not None else first["leader_length_m"]
     return Followers(
         x=np.array([m.x[0] for m in recorded]),
         y=np.array([m.y[0] for m in recorded]),
         v=np.array([m.v[0] for m in recorded]),
         length=length,
         width=width,
-        parameters=parameters,
-        L_no_change=_behind_target_leader(parameters[0, -1], target_leader, ego_length),
+        parameters=_parameters(fits, [ego_length, *length[:-1]]),
+        L_no_change=moved_behind(first["L"], first["leader_length_m"], no_change),
         recorded=tuple(recorded),
+        spread=np.array([[row.get(p, 0.0) for p in PARAMETERS] for row in map(dict, fits["spread"])]),
     )
 
 
-def _parameters(fits: pd.DataFrame, settings: PlannerSettings) -> FloatArray:
-    """LCM of each follower, L moved behind its leader of the replay, shape (p, 6)."""
-    if settings.parameters == "table3":
-        return np.tile(TABLE3_MEANS.as_array(), (len(fits), 1))
-    names_ = [f"mean_{p}" for p in PARAMETERS] if settings.parameters == "mean" else [*PARAMETERS[:-1], "L_replay"]
-    return fits[names_].to_numpy(np.float64)
-
-
-def _behind_target_leader(L_replay: float, target_leader: Motion | None, ego_length: float) -> float:
-    """L of the first follower where it stays behind the target leader: moved from the ego's length to its."""
-    if target_leader is None:
-        return float(L_replay)
-    return float(np.clip(L_replay - ego_length + target_leader.length, *REPLAY_L_BOUNDS))
+def _parameters(fits: pd.DataFrame, leader_lengths: list[float]) -> FloatArray:
+    """LCM of each follower, L moved behind its leader of the replay (= L_replay of a fit), shape (p, 6)."""
+    parameters = fits[list(PARAMETERS)].to_numpy(np.float64, copy=True)
+    old_and_new = zip(fits["L"], fits["leader_length_m"], leader_lengths, strict=True)
+    parameters[:, -1] = [moved_behind(*lengths) for lengths in old_and_new]
+    return parameters
 
 
 def _human(event: object, ego: dict[str, FloatArray], settings: PlannerSettings) -> Human:

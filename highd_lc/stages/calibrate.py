@@ -10,11 +10,12 @@ from highd_lc.algorithms.calibration import FollowerFit, fit_follower, follower_
 from highd_lc.algorithms.fitted_drivers import EVERYBODY, FittedDrivers, pool_drivers, refit, with_parameters
 from highd_lc.algorithms.identifiability import Identifiability, identifiability
 from highd_lc.algorithms.pooling import PoolingStudy, study_pooling
+from highd_lc.core.lcm import moved_behind
 from highd_lc.io import artefacts, lcm_summary
 from highd_lc.io.follower_tracks import RecordedFollower, recorded_followers, track_of, track_row
 from highd_lc.vocab import names
 from highd_lc.vocab.job import Combination, Job, JobReport
-from highd_lc.vocab.lcm_parameters import PARAMETERS, REPLAY_L_BOUNDS, TABLE3_MEANS
+from highd_lc.vocab.lcm_parameters import PARAMETERS, TABLE3_MEANS
 from highd_lc.vocab.tables import TABLES
 
 STAGE = "calibrate"
@@ -86,11 +87,6 @@ def _published() -> Row:
     parameters = dict(zip(PARAMETERS, TABLE3_MEANS.as_array().tolist(), strict=True))
     about = {"leader_length_m": np.nan, "at_bound": [], "spread": {}, "method": _PUBLISHED_METHOD}
     return parameters | {"L_replay": TABLE3_MEANS.L} | about
-
-
-def moved_behind(L: float, leader_length: float, new_leader_length: float) -> float:
-    """L moved from the leader it was fitted behind to the leader of the replay [m] (SPEC section 3)."""
-    return float(np.clip(L - leader_length + new_leader_length, *REPLAY_L_BOUNDS))
 
 
 def combine(combination: Combination) -> JobReport:

@@ -53,7 +53,8 @@ class Followers:
 
     x, y: box centres relative to the ego's centre [m], v: speed [m/s], length, width [m], each of shape (p,).
     parameters: LCM of each with L moved behind the AV (L_replay), shape (p, 6). L_no_change: L of the first
-    one when it stays behind the target leader [m]. recorded: their recorded motions where in view.
+    one when it stays behind the target leader [m]. recorded: their recorded motions where in view. spread:
+    standard deviation of each parameter, 0 where unknown, shape (p, 6); None: of none.
     """
 
     x: FloatArray
@@ -64,6 +65,7 @@ class Followers:
     parameters: FloatArray
     L_no_change: float
     recorded: tuple[Motion, ...]
+    spread: FloatArray | None = None
 
 
 @dataclass(frozen=True)
