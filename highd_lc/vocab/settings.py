@@ -233,8 +233,8 @@ class StudySettings(Section):
         tuple[Annotated[float, Field(ge=0, le=1)], ...],
         Field(min_length=2, description="weights of the AV in the sweep beside the Pareto front (SPEC 13)"),
     ] = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0)
-    population: Annotated[int, Field(ge=8, le=10000, description="NSGA-II population")] = 60
-    generations: Annotated[int, Field(ge=1, le=10000, description="NSGA-II generations")] = 40
+    population: Annotated[int, Field(ge=8, le=10000, description="NSGA-II population")] = 80
+    generations: Annotated[int, Field(ge=1, le=10000, description="NSGA-II generations")] = 50
     solver_sample: Annotated[
         int, Field(ge=0, le=100000, description="events in the sample on which SLSQP is compared; 0 = none")
     ] = 12

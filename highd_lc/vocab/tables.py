@@ -10,6 +10,7 @@ from highd_lc.vocab.columns import word as _word
 from highd_lc.vocab.fit_tables import FIT_TABLES
 from highd_lc.vocab.lcm_parameters import PARAMETERS, UNITS
 from highd_lc.vocab.scenario_tables import SCENARIO_TABLES
+from highd_lc.vocab.study_tables import STUDY_TABLES
 
 SCHEMA_VERSION: Final = 1
 
@@ -253,6 +254,7 @@ LOSSES = Table(
             "loss_hv_simulated", "simulated counterpart of loss_hv_recorded over the same samples", minimum=0
         ),
         _count("recorded_n_samples", "follower samples behind loss_hv_recorded"),
+        _count("follower_n_samples", "follower samples charged; 0 when infeasible"),
         _number("av_comfort_raw", "AV's comfort from the recorded, unsmoothed path (human only)", minimum=0),
         _number("min_gap_m", "smallest gap of a target-lane pair", "m"),
         _number("min_time_headway_s", "smallest time headway of a target-lane pair", "s"),
@@ -285,6 +287,12 @@ VALIDATION_MATRIX = Table(
         _number("share_better", "share of events with a lower total under the local optimum"),
         _number("share_worse", "share of events with a higher total under the local optimum"),
         _number("share_worst_follower_worse", "share of events in which some follower loses"),
+        _number(
+            "share_observed",
+            "share of the follower seconds charged to the human's motion that were recorded, not extrapolated",
+            minimum=0,
+            maximum=1,
+        ),
         _count("infeasible", "events without a feasible plan"),
     ),
 )
@@ -387,6 +395,7 @@ TABLES: Final = {
         SUMMARY_LOSSES,
         EVENT_PAGES,
         *FIT_TABLES,
+        *STUDY_TABLES,
         *SCENARIO_TABLES,
     )
 }
