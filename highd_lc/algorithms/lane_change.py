@@ -3,8 +3,9 @@
 The authors' rule: outward from the crossing, the nearest moments at which lateral speed and acceleration are
 both near zero, read together with the lateral position. Near zero means here, on the derivatives of a local
 quadratic through the positions: speed and acceleration below thresholds, the speed towards the target staying
-so for a while, and the vehicle off the marking that it crosses. Two changes without a rest in their lane
-between them are one manoeuvre and no lane change of the kind that is looked for.
+so for a while, and the vehicle off the marking that it crosses. The quadratic is as narrow as the noise of the
+positions allows, for a wide one smears short manoeuvres near the ends of a track. Two changes without a rest in
+their lane between them are one manoeuvre and no lane change of the kind that is looked for.
 """
 
 from collections.abc import Sequence
@@ -16,21 +17,28 @@ from numba import njit
 from numpy.typing import NDArray
 
 from highd_lc.algorithms.track_index import ABSENT, TIE
-from highd_lc.core.kinematics import local_polynomial
+from highd_lc.core.kinematics import local_polynomial, narrowest_window, noise_gain, white_noise
 from highd_lc.vocab import names
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 OUTSIDE = 0
+# Width of the local quadratic where positions are as good as HighD's [s]; noise widens it until the speed is known
+# to a sixth of the threshold, so that it crosses it by noise in one of a billion samples.
+_SHORTEST_S = 0.4
+_SPEED_NOISE_SHARE = 1 / 6
+# Near the ends of a track the fit is one-sided and the speed less certain: one that exceeds the threshold by less
+# than this many standard deviations of the excess is still taken for near zero.
+_EDGE_DEVIATIONS = 1.5
 
 
 @dataclass(frozen=True)
 class Rule:
-    """Numbers of the rule. smoothing_s: width of the local quadratic [s]; speed [m/s] and acceleration [m/s^2]:
-    below them it is near zero; persistence_s: how long the speed stays so [s]; clearance_m: distance from the
-    marking that start and end need [m]; rest_s: time in the lane between two changes that keeps them apart [s];
-    flicker_s: lane ids that change back within this time are one crossing [s]; min_shift_m: smallest lateral
+    """Numbers of the rule. smoothing_s: largest width of the local quadratic [s]; speed [m/s] and acceleration
+    [m/s^2]: below them it is near zero; persistence_s: how long the speed stays so [s]; clearance_m: distance from
+    the marking that start and end need [m]; rest_s: time in the lane between two changes that keeps them apart
+    [s]; flicker_s: lane ids that change back within this time are one crossing [s]; min_shift_m: smallest lateral
     shift [m].
     """
 
@@ -86,7 +94,7 @@ def find_lane_changes(path: Path, rule: Rule) -> list[LaneChange]:
     crossings = 1 + np.flatnonzero(path.lane[1:] != path.lane[:-1])
     if len(crossings) == 0:
         return []
-    smooth = local_polynomial(path.y, path.rate, window_s=rule.smoothing_s)
+    smooth = _smoothed(path, rule)
     changes = [LaneChange(int(c), int(path.lane[c - 1]), int(path.lane[c])) for c in crossings]
     groups = _group_flicker(changes, path, rule)
     mains = [_main(group, path, smooth) for group in groups]
@@ -103,16 +111,35 @@ def find_lane_changes(path: Path, rule: Rule) -> list[LaneChange]:
     ]
 
 
+def _smoothed(path: Path, rule: Rule) -> FloatArray:
+    """Lateral position, and speed and acceleration as far as they are certainly not zero: shape (3, n).
+
+    Within half a window of the ends the speed is drawn towards 0 by what it is less certain there, and the
+    acceleration, which is that of the window's middle, is not looked at.
+    """
+    noise, n = white_noise(path.y), len(path.y)
+    window_s = narrowest_window(
+        round(noise, 6),
+        path.rate,
+        speed_noise=_SPEED_NOISE_SHARE * rule.speed,
+        shortest_s=min(_SHORTEST_S, rule.smoothing_s),
+        longest_s=rule.smoothing_s,
+    )
+    smooth = local_polynomial(path.y, path.rate, window_s=window_s)
+    gain = noise_gain(n, path.rate, window_s=window_s)[1]
+    slack = _EDGE_DEVIATIONS * noise * (gain - gain.min())
+    smooth[1] = np.sign(smooth[1]) * np.maximum(np.abs(smooth[1]) - slack, 0.0)
+    smooth[2, gain > gain.min() * (1 + TIE)] = 0.0
+    return smooth
+
+
 def _group_flicker(changes: Sequence[LaneChange], path: Path, rule: Rule) -> list[list[LaneChange]]:
     """Runs of changes between the same two lanes, each within ``flicker_s`` of the one before."""
     groups: list[list[LaneChange]] = []
     for change in changes:
         last = groups[-1][-1] if groups else None
-        if last and _is_reverse(last, change):
-            soon = path.seconds(last.crossing, change.crossing) <= rule.flicker_s + TIE
-        else:
-            soon = False
-        if soon:
+        back = last is not None and not _refusal(change, path) and _is_reverse(last, change)
+        if last and back and path.seconds(last.crossing, change.crossing) <= rule.flicker_s + TIE:
             groups[-1].append(change)
         else:
             groups.append([change])

@@ -1,4 +1,4 @@
-"""Smoothed derivatives of sampled motion: local polynomials over a window given in seconds."""
+"""Smoothed derivatives of sampled motion: local polynomials over a window given in seconds, and their noise."""
 
 from functools import lru_cache
 from math import factorial
@@ -8,10 +8,13 @@ from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
 
+# Median of the absolute value of a standard normal variable.
+_MEDIAN_OF_NORMAL = 0.6745
+
 
 def window_samples(window_s: float, rate: float) -> int:
-    """Odd number of samples nearest to a window of ``window_s`` [s] at ``rate`` [Hz]."""
-    return 2 * max(0, round((window_s * rate - 1) / 2)) + 1
+    """Odd number of samples that span ``window_s`` [s] at ``rate`` [Hz], to the nearest pair."""
+    return 2 * round(window_s * rate / 2) + 1
 
 
 def local_polynomial(values: FloatArray, rate: float, *, window_s: float, order: int = 2) -> FloatArray:
@@ -23,9 +26,7 @@ def local_polynomial(values: FloatArray, rate: float, *, window_s: float, order:
     its derivatives per s, s^2, ...; derivatives that fewer than order + 1 samples leave open are 0.
     """
     n = len(values)
-    half = max(window_samples(window_s, rate) // 2, (order + 1) // 2)
-    window = min(2 * half + 1, n)
-    degree = min(order, window - 1)
+    window, degree = _fitted(n, rate, window_s, order)
     result = np.zeros((order + 1, n))
     middle = slice((window - 1) // 2, n - window // 2)
     for k, (start, inside, stop) in enumerate(_filters(window, degree, rate)):
@@ -33,6 +34,50 @@ def local_polynomial(values: FloatArray, rate: float, *, window_s: float, order:
         result[k, : middle.start] = start @ values[:window]
         result[k, middle.stop :] = stop @ values[n - window :]
     return result
+
+
+def noise_gain(n: int, rate: float, *, window_s: float, order: int = 2) -> FloatArray:
+    """Standard deviation of what ``local_polynomial`` makes of white noise of standard deviation 1.
+
+    Shape (order + 1, n): constant inside, larger within half a window of the ends.
+    """
+    window, degree = _fitted(n, rate, window_s, order)
+    result = np.zeros((order + 1, n))
+    middle = slice((window - 1) // 2, n - window // 2)
+    for k, (start, inside, stop) in enumerate(_gains(window, degree, rate)):
+        result[k, : middle.start], result[k, middle], result[k, middle.stop :] = start, inside, stop
+    return result
+
+
+def white_noise(values: FloatArray) -> float:
+    """Standard deviation of the white noise in samples of a smooth motion, from their second differences.
+
+    values: shape (n,). The median keeps it free of jumps; the curvature of a motion between neighbouring samples
+    is far below the noise that matters. 0 with fewer than three samples.
+    """
+    second = np.abs(values[2:] - 2 * values[1:-1] + values[:-2])
+    return float(np.median(second)) / (_MEDIAN_OF_NORMAL * 6**0.5) if len(second) else 0.0
+
+
+def narrowest_window(
+    noise: float, rate: float, *, speed_noise: float, shortest_s: float, longest_s: float
+) -> float:
+    """Width [s] of the narrowest local quadratic whose speed has at most ``speed_noise`` [m/s], within limits.
+
+    noise: standard deviation of the positions [m]; rate: samples a second [Hz]. The speed inside has noise times
+    rate times sqrt(12 / (N (N^2 - 1))) for N samples.
+    """
+    samples, longest = window_samples(shortest_s, rate), window_samples(longest_s, rate)
+    while samples < longest and noise * rate * (12 / (samples * (samples**2 - 1))) ** 0.5 > speed_noise:
+        samples += 2
+    return (samples - 1) / rate
+
+
+def _fitted(n: int, rate: float, window_s: float, order: int) -> tuple[int, int]:
+    """Samples of a window and degree of the polynomial that n samples allow."""
+    half = max(window_samples(window_s, rate) // 2, (order + 1) // 2)
+    window = min(2 * half + 1, n)
+    return window, min(order, window - 1)
 
 
 @lru_cache(maxsize=64)
@@ -50,3 +95,11 @@ def _filters(window: int, degree: int, rate: float) -> tuple[tuple[FloatArray, F
         middle = (window - 1) // 2
         filters.append((weights[:middle], weights[middle], weights[middle + 1 :]))
     return tuple(filters)
+
+
+@lru_cache(maxsize=64)
+def _gains(window: int, degree: int, rate: float) -> tuple[tuple[FloatArray, float, FloatArray], ...]:
+    return tuple(
+        (np.linalg.norm(start, axis=1), float(np.linalg.norm(inside)), np.linalg.norm(stop, axis=1))
+        for start, inside, stop in _filters(window, degree, rate)
+    )

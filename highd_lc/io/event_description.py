@@ -65,7 +65,7 @@ def _details(event: "pd.Series[Any]", tracks: pd.DataFrame, vehicles: pd.DataFra
         f"duration {event['duration_s']:.2f} s, lateral shift {event['lateral_shift_m']:+.2f} m, "
         f"peak lateral speed {event['peak_lateral_speed_mps']:.2f} m/s",
         f"roles at the start ({confirmed} the file's leader ids):",
-        _line("role", "vehicle", "class", "x [m]", "v [m/s]", "from [s]", "to [s]", "calibration [s]"),
+        _line("role", "vehicle", "class", "x [m]", "v [m/s]", "from [s]", "to [s]", "fit on [s]"),
         *(_role(role, rows, vehicles, event["frame_rate"]) for role, rows in tracks.groupby("role", sort=False)),
     ]
 
@@ -79,4 +79,4 @@ def _role(role: object, rows: pd.DataFrame, vehicles: pd.DataFrame, rate: float)
 
 
 def _line(first: object, *others: object) -> str:
-    return f"  {first!s:<18}" + "".join(f"{other!s:>{max(10, len(str(other)) + 2)}}" for other in others)
+    return f"  {first!s:<18}" + "".join(f"{other!s:>12}" for other in others)

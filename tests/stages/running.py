@@ -1,0 +1,39 @@
+"""Stages as a test calls them, without the engine."""
+
+from pathlib import Path
+
+import pandas as pd
+
+from highd_lc.io import artefacts, tracks_file
+from highd_lc.stages import extract, ingest
+from highd_lc.vocab.job import Job, JobReport, Provenance
+from highd_lc.vocab.settings import Settings
+
+
+def job(data: Path, work: Path, recording: int = 1, **sections: dict[str, object]) -> Job:
+    """A job with settings given by section."""
+    return Job(recording, data, work, Settings(**sections), Provenance("settings", {}, 1, "code"))
+
+
+def read(work: Path, recording: int = 1) -> dict[str, pd.DataFrame]:
+    """Every table that ingest and extract made of a recording."""
+    parts = {"ingest": ("vehicles", "recordings"), "extract": ("crossings", "events", "event_tracks")}
+    tables = {
+        name: artefacts.read_part(work, stage, name, recording) for stage, names in parts.items() for name in names
+    }
+    return {**tables, "tracks": artefacts.read_file(tracks_file.path_of(work, recording), "tracks")}
+
+
+def extracted(
+    data: Path, work: Path, recording: int = 1, **sections: dict[str, object]
+) -> dict[str, pd.DataFrame]:
+    """The tables of a recording after both stages."""
+    one = job(data, work, recording, **sections)
+    ingest.run(one)
+    extract.run(one)
+    return read(work, recording)
+
+
+def ingested(data: Path, work: Path, **sections: dict[str, object]) -> JobReport:
+    """What ingest reports of recording 1."""
+    return ingest.run(job(data, work, **sections))
