@@ -99,8 +99,7 @@ def combine(combination: Combination) -> JobReport:
     identified, pooling = _studies(drivers, combination)
     if settings.pooling == "penalised" and fitted:
         best = 0.0 if pooling is None else pooling.best_strength
-        strength = best if settings.pooling_strength is None else settings.pooling_strength
-        drawn = refit(drivers, settings, strength=strength)
+        drawn = refit(drivers, settings, strength=settings.pooling_strength or best)
         drivers = with_parameters(drivers, drawn)
         _replace(fitted, drawn, lengths)
     _fill_pools(rows, fitted, drivers, combination, lengths)

@@ -105,7 +105,7 @@ class CalibrateSettings(Section):
     ] = "ga"
     polish: Annotated[
         bool,
-        Field(description="Levenberg-Marquardt from the GA's best and from random starts; both are kept"),
+        Field(description="Levenberg-Marquardt from the GA's best and from screened random points; both are kept"),
     ] = True
     population: Annotated[int, Field(ge=4, le=10000, description="GA population (paper: 200)")] = 200
     generations: Annotated[int, Field(ge=1, le=10000, description="GA generations (SPEC section 9)")] = 200
@@ -123,9 +123,8 @@ class CalibrateSettings(Section):
         Field(description="whether fits are drawn towards the median of their class"),
     ] = "none"
     pooling_strength: Annotated[
-        float | None,
-        Field(ge=0, le=1, description="strength of that penalty; none = by cross-validation on a sample"),
-    ] = None
+        float, Field(ge=0, le=1, description="strength of that penalty; 0 = by cross-validation on the sample")
+    ] = 0.0
     study_sample: Annotated[
         int, Field(ge=0, le=100000, description="fitted followers whose identifiability is studied")
     ] = 40
