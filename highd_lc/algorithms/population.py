@@ -1,6 +1,7 @@
 """Statistics over a population of events: paired differences, and intervals by bootstrap over recordings."""
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -60,6 +61,7 @@ def recording_sums(recordings: IntArray, *columns: FloatArray) -> FloatArray:
     return np.stack([np.bincount(place, weights=column) for column in columns])
 
 
+@lru_cache(maxsize=64)
 def _draws(count: int, bootstrap: Bootstrap) -> FloatArray:
     """How often each of ``count`` recordings is drawn, shape (samples, count)."""
     generator = np.random.default_rng([bootstrap.seed, count])

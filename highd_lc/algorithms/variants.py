@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from highd_lc.algorithms.planner import FORM_OF, PlanningProblem, search_pools
+from highd_lc.algorithms.planner import PlanningProblem, search_pools
 from highd_lc.algorithms.pool import Goal, Pool
 from highd_lc.vocab import names
 
@@ -47,10 +47,11 @@ def best_of(problem: PlanningProblem) -> dict[tuple[str, str], tuple[Losses, flo
     """Losses and T [s] of every optimal policy under every accounting, searched anew; NaN where infeasible."""
     found = {}
     pools = search_pools(problem)
-    for policy, form in FORM_OF.items():
-        for accounting in names.ACCOUNTINGS if form in pools else ():
-            losses, n = _optimum(pools[form], Goal(accounting, weight_of(problem, policy)))
-            found[policy, accounting] = losses, n * problem.packed.dt
+    for form, policies in ((names.FIXED, names.FIXED_POLICIES), (names.FREE, names.FREE_POLICIES)):
+        for policy in policies if form in pools else ():
+            for accounting in names.ACCOUNTINGS:
+                losses, n = _optimum(pools[form], Goal(accounting, weight_of(problem, policy)))
+                found[policy, accounting] = losses, n * problem.packed.dt
     return found
 
 

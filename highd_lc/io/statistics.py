@@ -19,10 +19,11 @@ from highd_lc.vocab import names
 from highd_lc.vocab.settings import StatisticsSettings
 from highd_lc.vocab.tables import TABLES
 
-_PAIR_OF_FORM = {
+PAIR_OF_FORM = {
     names.FIXED: names.FIXED_POLICIES,
     names.FREE: names.FREE_POLICIES,
 }
+"""The policies that each form compares: benchmark, local optimum."""
 _COMPARED = (
     (names.LOCAL_OPTIMUM, names.BENCHMARK),
     (names.LOCAL_OPTIMUM_FREE, names.BENCHMARK_FREE),
@@ -41,6 +42,8 @@ _QUANTITIES = (
     "av_efficiency",
     "hv_comfort",
     "hv_efficiency",
+    "worst_follower",
+    "loss_hv_increment",
     "min_gap_m",
     "min_time_headway_s",
     "min_ttc_s",
@@ -65,6 +68,8 @@ def situations(work: Path) -> pd.DataFrame:
         vehicles.reindex(pd.MultiIndex.from_arrays([events["recording_id"], ids])).to_numpy()
         for ids in (events["ego_id"], follower)
     ]
+    sites = artefacts.read(work, "recordings", columns=["recording_id", "location_id"]).drop_duplicates()
+    events["location_id"] = events["recording_id"].map(sites.set_index("recording_id")["location_id"])
     events["n_followers"] = events["follower_ids"].map(len)
     events["spacing_m"] = (ego["x"] - first["x"]).reindex(events.index) + (lengths[0] - lengths[1]) / 2.0
     events["closing_mps"] = (first["vx"] - ego["vx"]).reindex(events.index)
@@ -110,26 +115,46 @@ def validation_matrix(
     """
     bootstrap = Bootstrap(settings.bootstrap, settings.confidence, seed)
     rows = []
-    for form, (benchmark, local) in _PAIR_OF_FORM.items():
+    for form, (benchmark, local) in PAIR_OF_FORM.items():
         for accounting in names.ACCOUNTINGS:
             chosen = losses[losses["accounting"] == accounting]
-            pair = _paired(chosen, local, benchmark)
+            pair = paired(chosen, local, benchmark)
             if pair.empty:
                 continue
+            human = chosen[chosen["policy"] == names.HUMAN].set_index("event_id")
             for stratum, members in strata(events).items():
                 of_stratum = pair.reindex(members.index[members])
                 row = {"form": form, "accounting": accounting, "stratum": stratum}
-                rows.append(row | _cell(of_stratum, bootstrap, settings.tie_band))
+                observed = _share_observed(human.reindex(members.index[members]))
+                rows.append(row | _cell(of_stratum, bootstrap, settings.tie_band) | {"share_observed": observed})
     return pd.DataFrame(rows, columns=list(TABLES["validation_matrix"].column_names))
 
 
-def _paired(losses: pd.DataFrame, policy: str, against: str) -> pd.DataFrame:
+def paired(losses: pd.DataFrame, policy: str, against: str) -> pd.DataFrame:
     """One row an event: the losses of both policies side by side, suffixes _1 (policy) and _0 (against)."""
     one = losses[losses["policy"] == policy].set_index("event_id")
     other = losses[losses["policy"] == against].set_index("event_id")
     if one.empty or other.empty:
         return pd.DataFrame()
-    return one.join(other, lsuffix="_1", rsuffix="_0", how="inner")
+    return one.add_suffix("_1").join(other.add_suffix("_0"), how="inner")
+
+
+def _with_worst_follower(pair: pd.DataFrame) -> pd.DataFrame:
+    """A pair with the loss of the one follower to whom the policy does most harm, or least good."""
+    if pair.empty:
+        return pair
+    each = zip(pair["loss_hv_each_1"], pair["loss_hv_each_0"], strict=True)
+    one, other = zip(*(_worst(a, b) for a, b in each), strict=True)
+    return pair.assign(worst_follower_1=one, worst_follower_0=other)
+
+
+def _worst(each: object, against: object) -> tuple[float, float]:
+    """Both losses of the follower whose loss grows most; NaN where a policy has no plan."""
+    one, other = np.atleast_1d(np.asarray(each, float)), np.atleast_1d(np.asarray(against, float))
+    if len(one) != len(other) or not len(one) or np.isnan(one).any():
+        return np.nan, np.nan
+    k = int(np.argmax(one - other))
+    return float(one[k]), float(other[k])
 
 
 def _cell(pair: pd.DataFrame, bootstrap: Bootstrap, band: float) -> dict[str, Any]:
@@ -159,6 +184,12 @@ def _cell(pair: pd.DataFrame, bootstrap: Bootstrap, band: float) -> dict[str, An
     }
 
 
+def _share_observed(human: pd.DataFrame) -> float:
+    """Share of the follower samples charged to the human's motion in which the follower was in view."""
+    charged = human["follower_n_samples"].sum()
+    return float(human["recorded_n_samples"].sum() / charged) if charged else np.nan
+
+
 def _gain(pair: pd.DataFrame, column: str) -> float:
     total = pair[f"{column}_0"].sum()
     return float(1.0 - pair[f"{column}_1"].sum() / total) if total > 0.0 else np.nan
@@ -178,7 +209,9 @@ def summarise_losses(losses: pd.DataFrame, settings: StatisticsSettings, *, seed
         {"policy": policy, "against": against, "accounting": accounting, **row}
         for accounting, chosen in losses.groupby("accounting", sort=True)
         for policy, against in _COMPARED
-        for row in _differences(_paired(chosen, policy, against), bootstrap, settings.tie_band)
+        for row in _differences(
+            _with_worst_follower(paired(chosen, policy, against)), bootstrap, settings.tie_band
+        )
     ]
     return pd.DataFrame(rows, columns=list(TABLES["summary_losses"].column_names))
 

@@ -13,8 +13,25 @@ from highd_lc.algorithms.tracked_motion import loss_av, planned_motion, tracked_
 from highd_lc.algorithms.tracker import track
 from highd_lc.core.quintic import sample
 from highd_lc.io import artefacts
+from highd_lc.io.population_tables import (
+    cross_scores,
+    gain_map,
+    horizon_sensitivity,
+    leave_one_out,
+    solver_summary,
+    worse_for_somebody,
+)
 from highd_lc.io.scenes import load_scenes
 from highd_lc.io.statistics import situations, summarise_losses, validation_matrix
+from highd_lc.stages.validate_studies import (
+    STUDY_TABLES,
+    Samples,
+    Study,
+    cross_rows,
+    samples,
+    solver_rows,
+    study_rows,
+)
 from highd_lc.vocab import names
 from highd_lc.vocab.job import Combination, Job, JobReport, Problem
 from highd_lc.vocab.scene import Scene
@@ -22,18 +39,19 @@ from highd_lc.vocab.tables import TABLES
 from highd_lc.vocab.tracking import KINEMATIC, Reference
 
 STAGE = "validate"
-PART_TABLES = ("plans", "losses", "tracking")
+PART_TABLES = ("plans", "losses", "tracking", *STUDY_TABLES)
 
 Row = dict[str, Any]
 
 
 def run(job: Job) -> JobReport:
-    """Plan, score and track every event of a recording; write the parts ``plans``, ``losses``, ``tracking``."""
+    """Plan, score and track every event of a recording, study the sampled ones; write all of ``PART_TABLES``."""
+    chosen = samples(job)
     rows: dict[str, list[Row]] = {name: [] for name in PART_TABLES}
     problems = []
     for scene in load_scenes(job.work, job.recording, job.settings.validation):
         try:
-            for name, row in _event_rows(scene, job):
+            for name, row in _event_rows(scene, job, chosen):
                 rows[name].append({"event_id": scene.event_id, "recording_id": job.recording, **row})
         except (ValueError, ArithmeticError) as error:
             # One bad event never stops the others: it is listed with its reason.
@@ -47,7 +65,7 @@ def _frame(name: str, rows: list[Row]) -> pd.DataFrame:
     return pd.DataFrame(rows, columns=list(TABLES[name].column_names), dtype=None if rows else object)
 
 
-def _event_rows(scene: Scene, job: Job) -> Iterator[tuple[str, Row]]:
+def _event_rows(scene: Scene, job: Job, chosen: Samples) -> Iterator[tuple[str, Row]]:
     problem = planner.pose(scene, job.settings.validation)
     plans = planner.plan_all(problem)
     unchanged = next(p for p in plans if p.policy == names.NO_LANE_CHANGE)
@@ -56,6 +74,14 @@ def _event_rows(scene: Scene, job: Job) -> Iterator[tuple[str, Row]]:
         yield "losses", _loss_row(problem, plan, unchanged)
         if plan.accounting == names.PRIMARY_ACCOUNTING and plan.policy != names.NO_LANE_CHANGE:
             yield "tracking", _tracking_row(problem, plan)
+    study = Study(problem, plans, job.settings.seed)
+    for row in cross_rows(study):
+        yield "cross_losses", row
+    if scene.event_id in chosen.studied:
+        yield from study_rows(study)
+    if scene.event_id in chosen.compared:
+        for row in solver_rows(study):
+            yield "solver_comparison", row
 
 
 def _plan_row(problem: PlanningProblem, plan: Plan) -> Row:
@@ -107,12 +133,13 @@ def _finite(value: float) -> float:
 
 
 def _loss_row(problem: PlanningProblem, plan: Plan, unchanged: Plan) -> Row:
-    row = {"policy": plan.policy, "accounting": plan.accounting, "recorded_n_samples": 0}
+    row = {"policy": plan.policy, "accounting": plan.accounting, "recorded_n_samples": 0, "follower_n_samples": 0}
     if plan.replay is None:
         return row
     dt, terms, settings = problem.scene.dt, problem.terms, problem.settings.loss
     n, last = plan.replay.av.n, len(plan.replay.av.x) - 1
     _, charged = scoring.charged_samples(plan.accounting, n, last)
+    row["follower_n_samples"] = len(plan.replay.x) * (charged + 1)
     losses = scoring.cumulative_losses(plan.replay, terms, settings, dt)
     row |= scoring.losses_at(losses, plan.accounting, terms, n=n, dt=dt)
     row["loss_hv_increment"] = row["loss_hv"] - _hv_loss(problem, unchanged.replay, charged)
@@ -174,15 +201,28 @@ def _reference(problem: PlanningProblem, plan: Plan) -> Reference:
 
 
 def combine(combination: Combination) -> JobReport:
-    """Join the parts, then write the population's statistics: validation matrix and loss summary."""
+    """Join the parts, then write the population's statistics: matrix, summary, cross scores, maps."""
+    work = combination.work
     for name in PART_TABLES:
-        artefacts.concatenate(combination.work, STAGE, name, combination.recordings, combination.provenance)
-    events = situations(combination.work)
-    losses = artefacts.read(combination.work, "losses")
-    settings, seed = combination.settings.validation.statistics, combination.settings.seed
-    matrix = validation_matrix(events, losses, settings, seed=seed)
-    summary = summarise_losses(losses, settings, seed=seed)
-    for name, frame in (("validation_matrix", matrix), ("summary_losses", summary)):
+        artefacts.concatenate(work, STAGE, name, combination.recordings, combination.provenance)
+    events = situations(work)
+    counts = {"events": len(events)}
+    for name, frame in _population(combination, events):
         table = artefacts.to_arrow(name, frame, combination.provenance)
-        artefacts.write(artefacts.path_of(combination.work, name), table)
-    return JobReport({"events": len(events), "cells": len(matrix)})
+        artefacts.write(artefacts.path_of(work, name), table)
+        counts[name] = len(frame)
+    return JobReport(counts)
+
+
+def _population(combination: Combination, events: pd.DataFrame) -> Iterator[tuple[str, pd.DataFrame]]:
+    """The population's tables by name."""
+    work, settings, seed = combination.work, combination.settings.validation.statistics, combination.settings.seed
+    losses = artefacts.read(work, "losses")
+    yield "validation_matrix", validation_matrix(events, losses, settings, seed=seed)
+    yield "summary_losses", summarise_losses(losses, settings, seed=seed)
+    yield "worse_for_somebody", worse_for_somebody(losses, settings)
+    yield "gain_map", gain_map(events, losses, settings, seed=seed)
+    yield "leave_one_out", leave_one_out(events, losses, settings, seed=seed)
+    yield "cross_scores", cross_scores(artefacts.read(work, "cross_losses"), settings, seed=seed)
+    yield "horizon_sensitivity", horizon_sensitivity(artefacts.read(work, "horizon_losses"), settings, seed=seed)
+    yield "solver_summary", solver_summary(artefacts.read(work, "solver_comparison"))

@@ -1,0 +1,202 @@
+"""Where, for whom and under what else the local optimum pays: tables of gains over the population (SPEC 12)."""
+
+from collections.abc import Iterator
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from highd_lc.algorithms.population import Bootstrap, ratio_interval, shares
+from highd_lc.io.statistics import PAIR_OF_FORM, paired
+from highd_lc.vocab import names
+from highd_lc.vocab.settings import StatisticsSettings
+from highd_lc.vocab.study_tables import FOLLOWER_MODELS, TOGETHER
+from highd_lc.vocab.tables import TABLES
+
+Row = dict[str, Any]
+
+_SPACING_EDGES = (0.0, 10.0, 20.0, 30.0, 40.0, 60.0, 80.0, 120.0, np.inf)
+_CLOSING_EDGES = (-np.inf, -6.0, -4.0, -2.0, 0.0, 2.0, 4.0, 6.0, np.inf)
+_SIDES = ("av", "hv")
+
+
+def gain_columns(pair: pd.DataFrame, statistics: StatisticsSettings, *, seed: int) -> Row:
+    """The columns that every table of gains shares.
+
+    pair: one row an event, with recording_id and av_1, hv_1 (local optimum), av_0, hv_0 (benchmark); NaN where
+    there is no plan.
+    """
+    solved = pair.dropna(subset=["av_1", "hv_1", "av_0", "hv_0"])
+    local, benchmark = ((solved[f"av_{k}"] + solved[f"hv_{k}"]).to_numpy() for k in (1, 0))
+    bootstrap = Bootstrap(statistics.bootstrap, statistics.confidence, seed)
+    ratio = ratio_interval(solved["recording_id"].to_numpy(), local, benchmark, bootstrap)
+    better, worse, _ = shares(local / benchmark - 1.0, statistics.tie_band)
+    return {
+        "n_events": len(pair),
+        "n_recordings": int(pair["recording_id"].nunique()),
+        "infeasible": len(pair) - len(solved),
+        "total_benchmark": float(benchmark.sum()),
+        "total_local": float(local.sum()),
+        "gain": _gain(local.sum(), benchmark.sum()),
+        "gain_low": 1.0 - ratio.high,
+        "gain_high": 1.0 - ratio.low,
+        "gain_av": _gain(solved["av_1"].sum(), solved["av_0"].sum()),
+        "gain_hv": _gain(solved["hv_1"].sum(), solved["hv_0"].sum()),
+        "share_better": better,
+        "share_worse": worse,
+    }
+
+
+def _gain(local: float, benchmark: float) -> float:
+    return float(1.0 - local / benchmark) if benchmark > 0.0 else np.nan
+
+
+def _frame(name: str, rows: list[Row]) -> pd.DataFrame:
+    return pd.DataFrame(rows, columns=list(TABLES[name].column_names))
+
+
+def _pairs(losses: pd.DataFrame) -> Iterator[tuple[Row, pd.DataFrame]]:
+    """Each form and accounting with the losses of its two policies, one row an event."""
+    for form, (benchmark, local) in PAIR_OF_FORM.items():
+        for accounting in names.ACCOUNTINGS:
+            pair = paired(losses[losses["accounting"] == accounting], local, benchmark)
+            if not pair.empty:
+                columns = {f"{side}_{k}": pair[f"loss_{side}_{k}"] for side in _SIDES for k in (1, 0)}
+                each = {f"each_{k}": pair[f"loss_hv_each_{k}"] for k in (1, 0)}
+                about = {"recording_id": pair["recording_id_1"]}
+                yield {"form": form, "accounting": accounting}, pd.DataFrame(about | columns | each)
+
+
+def cross_scores(cross: pd.DataFrame, statistics: StatisticsSettings, *, seed: int) -> pd.DataFrame:
+    """Gain of the plans made under one accounting when scored under each, with each model of the followers.
+
+    cross: ``cross_losses``.
+    """
+    rows = []
+    for form, (benchmark, local) in PAIR_OF_FORM.items():
+        for optimised in names.ACCOUNTINGS:
+            chosen = cross[cross["accounting"] == optimised].set_index("event_id")
+            one, other = (chosen[chosen["policy"] == policy] for policy in (local, benchmark))
+            if one.empty or other.empty:
+                continue
+            for scored in names.ACCOUNTINGS:
+                touching = one["contact_after_T"].eq(True) | other["contact_after_T"].eq(True)
+                for followers in FOLLOWER_MODELS:
+                    pair = _scored_pair(one, other, scored, followers)
+                    row = {"form": form, "optimised": optimised, "scored": scored, "followers": followers}
+                    row["touching"] = 0 if scored == names.PAPER else int(touching.sum())
+                    rows.append(row | gain_columns(pair, statistics, seed=seed))
+    return _frame("cross_scores", rows)
+
+
+def _scored_pair(one: pd.DataFrame, other: pd.DataFrame, scored: str, followers: str) -> pd.DataFrame:
+    av = "av_to_H" if scored == names.EQUAL else "av_to_T"
+    hv = f"hv_to_{'T' if scored == names.PAPER else 'H'}_{followers}"
+    columns = {
+        f"{side}_{k}": frame[name]
+        for k, frame in ((1, one), (0, other))
+        for side, name in zip(_SIDES, (av, hv), strict=True)
+    }
+    return pd.DataFrame({"recording_id": one["recording_id"]} | columns)
+
+
+def gain_map(
+    events: pd.DataFrame, losses: pd.DataFrame, statistics: StatisticsSettings, *, seed: int
+) -> pd.DataFrame:
+    """Gain in every tile of spacing and speed difference at t_start that holds an event.
+
+    events: see ``statistics.situations``; losses: the artefact. Tiles are closed below and open above.
+    """
+    rows = []
+    for about, pair in _pairs(losses):
+        at = events.loc[pair.index, ["spacing_m", "closing_mps"]]
+        for spacing in pairwise(_SPACING_EDGES):
+            for closing in pairwise(_CLOSING_EDGES):
+                inside = _within(at["spacing_m"], spacing) & _within(at["closing_mps"], closing)
+                if inside.any():
+                    row = about | _edges(spacing, closing) | {"share_events": float(inside.mean())}
+                    rows.append(row | gain_columns(pair[inside], statistics, seed=seed))
+    return _frame("gain_map", rows)
+
+
+def _within(values: pd.Series, edges: tuple[float, float]) -> pd.Series:
+    return (values >= edges[0]) & (values < edges[1])
+
+
+def _edges(spacing: tuple[float, float], closing: tuple[float, float]) -> Row:
+    edges = {"spacing_low_m": spacing[0], "spacing_high_m": spacing[1]}
+    edges |= {"closing_low_mps": closing[0], "closing_high_mps": closing[1]}
+    return {name: edge if np.isfinite(edge) else np.nan for name, edge in edges.items()}
+
+
+def leave_one_out(
+    events: pd.DataFrame, losses: pd.DataFrame, statistics: StatisticsSettings, *, seed: int
+) -> pd.DataFrame:
+    """Gain over all locations but one, for each: whether a single site carries the result.
+
+    events: see ``statistics.situations``. A location without which nothing is left has no gain.
+    """
+    rows = []
+    for about, pair in _pairs(losses):
+        location = events.loc[pair.index, "location_id"]
+        for site in sorted(location.unique()):
+            left = {"location_id": int(site), "n_left_out": int((location == site).sum())}
+            rows.append(about | left | gain_columns(pair[location != site], statistics, seed=seed))
+    return _frame("leave_one_out", rows)
+
+
+def worse_for_somebody(losses: pd.DataFrame, statistics: StatisticsSettings) -> pd.DataFrame:
+    """Everybody whose loss the local optimum raises by more than the tie band over the benchmark.
+
+    Followers one by one, and AV and followers together; the AV alone always pays, by construction.
+    """
+    rows = []
+    for about, pair in _pairs(losses):
+        for event in pair.dropna(subset=["av_1", "av_0"]).itertuples():
+            for who, benchmark, local in _parties(event):
+                if local > benchmark * (1.0 + statistics.tie_band):
+                    of_event = {"event_id": event.Index, "recording_id": event.recording_id, "who": who}
+                    of_party = {
+                        "loss_benchmark": benchmark,
+                        "loss_local": local,
+                        "increase": local / benchmark - 1.0,
+                    }
+                    rows.append(about | of_event | of_party)
+    return _frame("worse_for_somebody", rows)
+
+
+def _parties(event: Any) -> Iterator[tuple[str, float, float]]:
+    yield TOGETHER, event.av_0 + event.hv_0, event.av_1 + event.hv_1
+    for rank, (benchmark, local) in enumerate(zip(event.each_0, event.each_1, strict=True), start=1):
+        yield names.target_follower(rank), benchmark, local
+
+
+def horizon_sensitivity(horizons: pd.DataFrame, statistics: StatisticsSettings, *, seed: int) -> pd.DataFrame:
+    """Gain over the sample for every accounted time H. horizons: ``horizon_losses``."""
+    rows = []
+    for (horizon, form, accounting), chosen in horizons.groupby(["horizon_s", "form", "accounting"]):
+        pair = chosen.rename(
+            columns={
+                f"loss_{side}_{p}": f"{side}_{k}" for side in _SIDES for k, p in ((1, "local"), (0, "benchmark"))
+            }
+        )
+        row = {"horizon_s": horizon, "form": form, "accounting": accounting}
+        rows.append(row | gain_columns(pair, statistics, seed=seed))
+    return _frame("horizon_sensitivity", rows)
+
+
+def solver_summary(comparison: pd.DataFrame) -> pd.DataFrame:
+    """Shares of cases in which SLSQP ends worse or better than the global search. comparison: the artefact."""
+    rows = []
+    for (form, omega), cases in comparison.groupby(["form", "omega_av"]):
+        row = {"form": form, "omega_av": omega, "n": len(cases)}
+        for solver in ("sqp", "single"):
+            excess = cases[f"excess_{solver}"].fillna(np.inf)
+            row[f"share_{solver}_failed"] = float(np.isinf(excess).mean())
+            row[f"share_{solver}_worse_1"] = float((excess > 0.01).mean())
+            row[f"share_{solver}_worse_01"] = float((excess > 0.001).mean())
+            row[f"share_{solver}_better_01"] = float((excess < -0.001).mean())
+        row["excess_sqp_max"], row["excess_sqp_min"] = cases["excess_sqp"].max(), cases["excess_sqp"].min()
+        rows.append(row)
+    return _frame("solver_summary", rows)

@@ -1,0 +1,307 @@
+"""Rows of the validate stage beside plans and losses: cross scores of every event, studies of the sampled ones."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from highd_lc.algorithms import pareto, rescoring, sqp, uncertainty
+from highd_lc.algorithms.planner import Plan, PlanningProblem
+from highd_lc.algorithms.pool import Goal, Pool
+from highd_lc.algorithms.rescoring import Charged
+from highd_lc.algorithms.sampling import event_generator, stratified_sample
+from highd_lc.algorithms.search import search
+from highd_lc.algorithms.variants import Losses, optima, with_horizon
+from highd_lc.io import artefacts
+from highd_lc.io.statistics import PAIR_OF_FORM
+from highd_lc.vocab import names
+from highd_lc.vocab.job import Job
+from highd_lc.vocab.settings import StudySettings
+from highd_lc.vocab.study_tables import FRONT, IDM, LCM, LCM_DRAWN, SWEEP
+
+FloatArray = NDArray[np.float64]
+Row = dict[str, Any]
+
+STUDY_TABLES = ("cross_losses", "horizon_losses", "pareto", "pareto_summary", "uncertainty", "solver_comparison")
+"""The parts that are written for each recording."""
+OPTIMAL = (*names.FIXED_POLICIES, *names.FREE_POLICIES)
+"""The policies whose plans are scored and studied."""
+_MOST_FOLLOWERS = 3
+"""Strata of the sample tell this many followers from fewer, and more no further."""
+
+
+@dataclass(frozen=True)
+class Samples:
+    """Ids of the events that are studied, and of those on which the solvers are compared."""
+
+    studied: frozenset[str]
+    compared: frozenset[str]
+
+
+def samples(job: Job) -> Samples:
+    """The run's samples, drawn from all events of all recordings by class, direction and number of followers."""
+    settings, seed = job.settings.validation.studies, job.settings.seed
+    if settings.chosen:
+        return Samples(frozenset(settings.chosen), frozenset(settings.chosen))
+    events = artefacts.read(job.work, "events", columns=["event_id", "ego_class", "direction", "follower_ids"])
+    count = events["follower_ids"].map(len).clip(upper=_MOST_FOLLOWERS)
+    strata = dict(
+        zip(events["event_id"], zip(events["ego_class"], events["direction"], count, strict=True), strict=True)
+    )
+    studied = stratified_sample(strata, settings.sample, seed=seed)
+    return Samples(studied, stratified_sample(strata, settings.solver_sample, seed=seed))
+
+
+@dataclass(frozen=True)
+class Study:
+    """An event under study: its problem and plans, the settings, and the seed of the run."""
+
+    problem: PlanningProblem
+    plans: Sequence[Plan]
+    seed: int
+
+    @property
+    def settings(self) -> StudySettings:
+        """What is asked for."""
+        return self.problem.settings.studies
+
+    @cached_property
+    def draws(self) -> FloatArray:
+        """Drawn parameters of the followers, shape (K, p, 6)."""
+        return uncertainty.draws_of(self.problem, max(self.settings.draws, self.settings.replans), seed=self.seed)
+
+    @cached_property
+    def optimal(self) -> dict[tuple[str, str], Plan]:
+        """The plans of the optimal policies by policy and accounting."""
+        return {(plan.policy, plan.accounting): plan for plan in self.plans if plan.policy in OPTIMAL}
+
+    @cached_property
+    def rescored(self) -> dict[int, Charged]:
+        """Followers' loss of each optimal plan as planned (first) and under the draws, by ``id`` of its replay."""
+        drivers = np.concatenate([self.problem.packed.parameters[None], self.draws])
+        return {key: uncertainty.rescore(self.problem, plan, drivers) for key, plan in self._distinct.items()}
+
+    @cached_property
+    def av_losses(self) -> dict[int, tuple[float, float]]:
+        """The AV's loss of every optimal plan charged to T and to H, by ``id`` of its replay."""
+        return {key: uncertainty.av_loss(self.problem, plan) for key, plan in self._distinct.items()}
+
+    @property
+    def _distinct(self) -> dict[int, Plan]:
+        return {id(plan.replay): plan for plan in self.optimal.values()}
+
+    @property
+    def forms(self) -> list[str]:
+        """The forms that were planned."""
+        return [form for form, (benchmark, _) in PAIR_OF_FORM.items() if (benchmark, names.EQUAL) in self.optimal]
+
+    @property
+    def solvable(self) -> bool:
+        """Whether there is anything to plan: the ellipses do not overlap at t_start."""
+        return all(plan.status != names.INFEASIBLE_AT_START for plan in self.plans)
+
+    def rng(self, purpose: str) -> np.random.Generator:
+        """The event's random generator for one purpose."""
+        return event_generator(self.seed, self.problem.scene.event_id, purpose=purpose)
+
+
+def cross_rows(study: Study) -> Iterator[Row]:
+    """Rows of ``cross_losses``: every optimal plan charged to T and to H, with each model of the followers."""
+    idm: dict[int, tuple[float, float]] = {}
+    for (policy, accounting), plan in study.optimal.items():
+        row: Row = {"policy": policy, "accounting": accounting}
+        if plan.replay is not None:
+            key = id(plan.replay)
+            if key not in idm:
+                charged = rescoring.idm_followers(plan.replay.av, study.problem.packed, study.problem.terms)
+                idm[key] = float(charged.to_T[0]), float(charged.to_H[0])
+            row |= _cross_columns(study.rescored[key], idm[key], study.av_losses[key])
+            row["contact_after_T"] = bool((plan.replay.clearance_after_T < 0.0).any())
+        yield row
+
+
+def _cross_columns(lcm: Charged, idm: tuple[float, float], av: tuple[float, float]) -> Row:
+    row: Row = {"av_to_T": av[0], "av_to_H": av[1], f"hv_to_T_{IDM}": idm[0], f"hv_to_H_{IDM}": idm[1]}
+    for end, values in (("T", lcm.to_T), ("H", lcm.to_H)):
+        row |= {f"hv_to_{end}_{LCM}": float(values[0]), f"hv_to_{end}_{LCM_DRAWN}": float(values[1:].mean())}
+    return row
+
+
+def study_rows(study: Study) -> Iterator[tuple[str, Row]]:
+    """All studies of a sampled event, each row with its table."""
+    for row in horizon_rows(study):
+        yield "horizon_losses", row
+    for row in uncertainty_rows(study):
+        yield "uncertainty", row
+    yield from pareto_rows(study)
+
+
+def horizon_rows(study: Study) -> Iterator[Row]:
+    """Rows of ``horizon_losses``: every H asked for, and the run's own."""
+    if not study.solvable:
+        return
+    own = study.problem.settings.loss.horizon_s
+    for horizon in sorted({h for h in study.settings.horizons_s if h <= own} | {own}):
+        found = _planned(study) if horizon == own else optima(with_horizon(study.problem, horizon))
+        for form in study.forms:
+            for accounting in names.ACCOUNTINGS:
+                row: Row = {"horizon_s": horizon, "form": form, "accounting": accounting}
+                for policy, word in zip(PAIR_OF_FORM[form], ("benchmark", "local"), strict=True):
+                    av, hv = found[policy, accounting]
+                    row |= {f"loss_av_{word}": av, f"loss_hv_{word}": hv}
+                yield row
+
+
+def _planned(study: Study) -> dict[tuple[str, str], Losses]:
+    """Losses of the plans that the study was given, by policy and accounting."""
+    found = {}
+    for (policy, accounting), plan in study.optimal.items():
+        key = id(plan.replay)
+        av, hv = uncertainty.charged_by(accounting, study.av_losses[key], study.rescored[key])
+        found[policy, accounting] = av, float(hv[0])
+    return found
+
+
+def uncertainty_rows(study: Study) -> Iterator[Row]:
+    """Rows of ``uncertainty``: the draws planned with, and the plans as they are under the draws."""
+    if not study.solvable:
+        return
+    replanned = uncertainty.replan(study.problem, study.draws[: study.settings.replans])
+    spread = study.problem.scene.followers.spread
+    known = float(np.mean(np.any(spread > 0.0, axis=1))) if spread is not None else 0.0
+    for form in study.forms:
+        benchmark, local = PAIR_OF_FORM[form]
+        for accounting in names.ACCOUNTINGS:
+            totals = (replanned.total((policy, accounting)) for policy in (local, benchmark))
+            row = {"form": form, "accounting": accounting, "spread_known": known}
+            row |= _gain_of_draws(uncertainty.relative_gain(*totals), study.problem.settings.statistics.tie_band)
+            row |= _kept_columns(study, form, accounting)
+            T = replanned.T[local, accounting]
+            yield row | {"T_deviation": float(np.nanstd(T)) if np.isfinite(T).any() else np.nan}
+
+
+def _gain_of_draws(gain: FloatArray, band: float) -> Row:
+    known = gain[np.isfinite(gain)]
+    row: Row = {"n_replanned": len(known), "infeasible": len(gain) - len(known)}
+    if not len(known):
+        return row
+    better, worse = _shares(known, band)
+    of_gain = {"gain_mean": known.mean(), "gain_low": known.min(), "gain_high": known.max()}
+    return row | {name: float(v) for name, v in of_gain.items()} | {"share_better": better, "share_worse": worse}
+
+
+def _shares(gain: FloatArray, band: float) -> tuple[float, float]:
+    return float(np.mean(gain > band)), float(np.mean(gain < -band))
+
+
+def _kept_columns(study: Study, form: str, accounting: str) -> Row:
+    """Gain of the plans made with the fitted parameters: under these, and under every draw."""
+    totals = []
+    for policy in reversed(PAIR_OF_FORM[form]):
+        key = id(study.optimal[policy, accounting].replay)
+        av, hv = uncertainty.charged_by(accounting, study.av_losses[key], study.rescored[key])
+        totals.append(av + hv)
+    gain = uncertainty.relative_gain(*totals)
+    if not np.isfinite(gain).all():
+        return {"n_kept": 0}
+    better, worse = _shares(gain[1:], study.problem.settings.statistics.tie_band)
+    return {
+        "gain": float(gain[0]),
+        "n_kept": len(gain) - 1,
+        "gain_kept_mean": float(gain[1:].mean()),
+        "share_kept_better": better,
+        "share_kept_worse": worse,
+    }
+
+
+def pareto_rows(study: Study) -> Iterator[tuple[str, Row]]:
+    """Rows of ``pareto`` and ``pareto_summary`` under the primary accounting, free end speed."""
+    settings, task, accounting = study.settings, study.problem.task, names.PRIMARY_ACCOUNTING
+    if not study.solvable:
+        yield "pareto_summary", {"n_front": 0, "evaluations": 0}
+        return
+    front = pareto.nsga2_front(
+        task,
+        accounting,
+        population=settings.population,
+        generations=settings.generations,
+        rng=study.rng("nsga2"),
+    )
+    swept = pareto.sweep(task, accounting, settings.omegas)
+    best = pareto.knee(front)
+    for kind, points in ((FRONT, front), (SWEEP, swept)):
+        omegas = settings.omegas if kind == SWEEP else (np.nan,) * len(points)
+        for k, omega in enumerate(omegas[: len(points)]):
+            yield (
+                "pareto",
+                {"kind": kind, "omega_av": omega, "knee": kind == FRONT and k == best} | _point(study, points, k),
+            )
+    yield "pareto_summary", _pareto_summary(front, swept, best, settings)
+
+
+def _point(study: Study, points: pareto.Points, k: int) -> Row:
+    plan = study.problem.task.quintic(int(points.n[k]), float(points.delta[k]), float(points.change[k]))
+    losses = {"loss_av": float(points.loss_av[k]), "loss_hv": float(points.loss_hv[k])}
+    return {"point": k, "T": plan.T, "x_final": plan.x_final, "v_end": plan.v_end} | losses
+
+
+def _pareto_summary(front: pareto.Points, swept: pareto.Points, best: int | None, settings: StudySettings) -> Row:
+    compared = pareto.compare(front, swept, settings.omegas)
+    row: Row = {
+        "n_front": len(front),
+        "evaluations": settings.population * settings.generations,
+        "hypervolume": compared.hypervolume,
+        "hypervolume_sweep": compared.hypervolume_sweep,
+        "reference_av": compared.reference[0],
+        "reference_hv": compared.reference[1],
+        "front_behind": compared.behind,
+        "front_ahead": compared.ahead,
+    }
+    if best is not None:
+        low, high = pareto.knee_weights(front, best)
+        row |= {"knee_loss_av": float(front.loss_av[best]), "knee_loss_hv": float(front.loss_hv[best])}
+        row |= {"knee_omega_low": low, "knee_omega_high": high}
+    return row
+
+
+def solver_rows(study: Study) -> Iterator[Row]:
+    """Rows of ``solver_comparison``: SLSQP against the global search, primary accounting, both policies."""
+    if not study.solvable:
+        return
+    task, loss = study.problem.task, study.problem.settings.loss
+    goals = [Goal(names.PRIMARY_ACCOUNTING, omega) for omega in (1.0, loss.omega_av)]
+    fixed = search(task, goals)
+    for form in study.forms:
+        pool = fixed if form == names.FIXED else search(task, goals, known=fixed)
+        for goal in goals:
+            found = sqp.multi_start(
+                task, goal, free=form == names.FREE, count=study.settings.solver_starts, rng=study.rng("sqp")
+            )
+            yield {"form": form, "accounting": goal.accounting, "omega_av": goal.omega_av} | _compared(
+                pool, goal, found, task.scene.dt
+            )
+
+
+def _compared(pool: Pool, goal: Goal, found: list[sqp.Descent], dt: float) -> Row:
+    best = min(found, key=lambda descent: descent.objective)
+    at = pool.best(goal) if len(pool) else None
+    objective = float(pool.objective(goal)[at]) if at is not None else np.nan
+    return {
+        "objective": objective,
+        "objective_sqp": _finite(best.objective),
+        "objective_single": _finite(found[0].objective),
+        "excess_sqp": _finite(best.objective / objective - 1.0),
+        "excess_single": _finite(found[0].objective / objective - 1.0),
+        "T": pool.n[at] * dt if at is not None else np.nan,
+        "T_sqp": best.n * dt if np.isfinite(best.objective) else np.nan,
+        "starts": len(found),
+        "feasible_starts": sum(np.isfinite(descent.objective) for descent in found),
+        "evaluations": sum(descent.evaluations for descent in found),
+    }
+
+
+def _finite(value: float) -> float:
+    return value if np.isfinite(value) else np.nan

@@ -1,0 +1,141 @@
+"""The validate stage on the small recordings: its tables agree with each other and do not depend on the order."""
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from highd_lc.io import artefacts
+from highd_lc.stages import calibrate, extract, ingest, validate
+from highd_lc.vocab import names
+from highd_lc.vocab.job import Combination, Job, Provenance
+from highd_lc.vocab.settings import Settings
+from highd_lc.vocab.study_tables import STUDY_TABLES
+
+FIXTURES = Path(__file__).parents[1] / "fixtures"
+SETTINGS = Settings.model_validate(
+    {
+        "calibrate": {"optimiser": "screen"},
+        "validate": {
+            "studies": {
+                "sample": 3, "solver_sample": 1, "solver_starts": 2, "draws": 4, "replans": 2,
+                "population": 24, "generations": 6, "horizons_s": [5.0],
+            },
+            "statistics": {"bootstrap": 200},
+        },
+    }
+)  # fmt: skip
+JOINED = {ingest: ("vehicles", "recordings"), extract: ("crossings", "events", "event_tracks")}
+KEY = ["event_id", "policy", "accounting"]
+
+
+def validated(work: Path, recordings: tuple[int, ...]) -> Path:
+    """All stages up to validate, the recordings in the order given."""
+    about = Provenance("settings", {}, SETTINGS.seed, "code")
+    jobs = [Job(recording, FIXTURES, work, SETTINGS, about) for recording in recordings]
+    combination = Combination(tuple(sorted(recordings)), work, SETTINGS, about)
+    for stage, tables in JOINED.items():
+        for job in jobs:
+            stage.run(job)
+        for table in tables:
+            artefacts.concatenate(work, stage.STAGE, table, combination.recordings, about)
+    for stage in (calibrate, validate):
+        for job in jobs:
+            stage.run(job)
+        stage.combine(combination)
+    return work
+
+
+@pytest.fixture(scope="module")
+def work(tmp_path_factory) -> Path:
+    return validated(tmp_path_factory.mktemp("one"), (1, 2))
+
+
+def test_every_table_has_rows(work):
+    for table in STUDY_TABLES:
+        if table.name != "worse_for_somebody":
+            assert len(artefacts.read(work, table.name)), table.name
+
+
+def test_cross_scores_on_the_diagonal_are_the_validation_matrix(work):
+    cross = artefacts.read(work, "cross_scores")
+    diagonal = cross[(cross["optimised"] == cross["scored"]) & (cross["followers"] == "lcm")]
+    matrix = artefacts.read(work, "validation_matrix")
+    whole = matrix[matrix["stratum"] == "all"].set_index(["form", "accounting"])
+    diagonal = diagonal.set_index(["form", "scored"])
+    for column in ("total_benchmark", "total_local", "gain", "gain_low", "gain_high", "gain_av", "gain_hv"):
+        expected = whole.loc[diagonal.index, column].to_numpy()
+        assert diagonal[column].to_numpy() == pytest.approx(expected, rel=1e-9, abs=1e-12)
+
+
+def test_cross_losses_are_those_of_the_losses_table(work):
+    cross = artefacts.read(work, "cross_losses").set_index(KEY)
+    losses = artefacts.read(work, "losses").set_index(KEY).loc[cross.index]
+    for accounting, av, hv in (("paper", "T", "T"), ("follower_horizon", "T", "H"), ("equal", "H", "H")):
+        here = cross.index.get_level_values("accounting") == accounting
+        assert cross[f"av_to_{av}"][here].to_numpy() == pytest.approx(losses["loss_av"][here].to_numpy(), rel=1e-9)
+        assert cross[f"hv_to_{hv}_lcm"][here].to_numpy() == pytest.approx(
+            losses["loss_hv"][here].to_numpy(), rel=1e-9
+        )
+
+
+def test_sample_is_studied_and_no_other_event(work):
+    events = set(artefacts.read(work, "events")["event_id"])
+    studied = set(artefacts.read(work, "pareto_summary")["event_id"])
+    assert len(studied) == min(3, len(events))
+    for name in ("horizon_losses", "uncertainty"):
+        assert set(artefacts.read(work, name)["event_id"]) == studied
+    assert set(artefacts.read(work, "solver_comparison")["event_id"]) <= studied
+
+
+def test_own_horizon_repeats_the_losses(work):
+    horizons = artefacts.read(work, "horizon_losses")
+    own = horizons[(horizons["horizon_s"] == 15.0) & (horizons["form"] == names.FIXED)]
+    losses = artefacts.read(work, "losses").set_index(KEY)
+    for row in own.itertuples():
+        local = losses.loc[(row.event_id, names.LOCAL_OPTIMUM, row.accounting)]
+        assert row.loss_av_local == pytest.approx(local["loss_av"], rel=1e-9)
+        assert row.loss_hv_local == pytest.approx(local["loss_hv"], rel=1e-9)
+
+
+def test_gain_with_the_fitted_parameters_is_that_of_the_losses(work):
+    totals = artefacts.read(work, "losses").set_index(KEY)["loss_total"]
+    for row in artefacts.read(work, "uncertainty").itertuples():
+        benchmark, local = names.FIXED_POLICIES if row.form == names.FIXED else names.FREE_POLICIES
+        expected = (
+            1 - totals[row.event_id, local, row.accounting] / totals[row.event_id, benchmark, row.accounting]
+        )
+        assert row.gain == pytest.approx(expected, abs=1e-9)
+
+
+def test_share_observed_is_a_share_of_what_is_charged(work):
+    losses = artefacts.read(work, "losses")
+    human = losses[(losses["policy"] == names.HUMAN) & (losses["accounting"] == names.EQUAL)]
+    matrix = artefacts.read(work, "validation_matrix").set_index(["form", "accounting", "stratum"])
+    share = matrix.loc[(names.FIXED, names.EQUAL, "all"), "share_observed"]
+    assert share == pytest.approx(human["recorded_n_samples"].sum() / human["follower_n_samples"].sum())
+    assert 0.0 < share <= 1.0
+
+
+def test_worst_follower_is_compared(work):
+    summary = artefacts.read(work, "summary_losses")
+    chosen = summary[(summary["quantity"] == "worst_follower") & (summary["policy"] == names.LOCAL_OPTIMUM)]
+    losses = artefacts.read(work, "losses").set_index(KEY)["loss_hv_each"]
+    events = losses.index.get_level_values("event_id").unique()
+    row = chosen[(chosen["against"] == names.BENCHMARK) & (chosen["accounting"] == names.EQUAL)].iloc[0]
+    worst = [
+        max(
+            np.array(losses[e, names.LOCAL_OPTIMUM, names.EQUAL])
+            - np.array(losses[e, names.BENCHMARK, names.EQUAL])
+        )
+        for e in events
+        if losses[e, names.LOCAL_OPTIMUM, names.EQUAL] is not None
+    ]
+    assert row["mean"] - row["mean_against"] == pytest.approx(np.mean(worst), abs=1e-9)
+
+
+def test_order_of_the_recordings_does_not_matter(work, tmp_path):
+    other = validated(tmp_path, (2, 1))
+    for name in ("cross_losses", "cross_scores", "uncertainty", "pareto", "solver_comparison", "horizon_losses"):
+        pd.testing.assert_frame_equal(artefacts.read(work, name), artefacts.read(other, name), check_exact=True)
