@@ -9,7 +9,7 @@ OPTIONS := $(if $(DATA),--data $(DATA)) $(if $(WORK),--work $(WORK)) $(if $(REPO
 # Exit code 4: done, but something was skipped and listed. make passes it as success, in words.
 PASS_4 = || { code=$$?; [ $$code -eq 4 ] && echo "done; what was skipped is listed above (exit code 4)" || exit $$code; }
 
-.PHONY: setup demo ingest extract calibrate validate report synthesize test check bench clean
+.PHONY: setup demo ingest extract calibrate validate report scenarios synthesize test check bench clean
 
 setup: $(VENV)/.set-up
 $(VENV)/.set-up: pyproject.toml constraints.txt
@@ -29,6 +29,10 @@ validate: setup
 
 ingest extract calibrate report: setup
 	@$(HIGHD_LC) $@ $(OPTIONS) $(PASS_4)
+
+scenarios: setup
+	@$(HIGHD_LC) scenarios $(if $(REPORTS),--out $(REPORTS)/scenarios) $(if $(WORK),--work $(WORK)) --workers $(WORKERS) \
+	  $(if $(PIPELINE),--pipeline $(PIPELINE)) $(if $(SWEEP),--sweep)
 
 synthesize: setup
 	@$(HIGHD_LC) synthesize $(or $(OUT),data/synthetic)

@@ -1,6 +1,9 @@
 """The command line: parses, loads settings, calls the engine, prints. No logic of its own."""
 
+import signal
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated
 
@@ -11,7 +14,10 @@ from highd_lc import engine
 from highd_lc.io import artefacts, synthetic
 from highd_lc.io import settings as settings_file
 from highd_lc.reporting.terminal import lcm_table, matrix_table
-from highd_lc.vocab.errors import HighdLcError, UsageError
+from highd_lc.reporting.terminal_scenarios import claims_table
+from highd_lc.stages import scenarios as scenario_stage
+from highd_lc.vocab.errors import HighdLcError, InterruptedRunError, StorageError, UsageError
+from highd_lc.vocab.scenarios import ScenarioSettings
 from highd_lc.vocab.settings import Settings
 
 app = typer.Typer(no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False, help=__doc__)
@@ -33,8 +39,31 @@ Strict = Annotated[bool, typer.Option("--strict", help="stop at the first bad re
 DEFAULT_WORK, DEFAULT_REPORTS = Path("work"), Path("reports")
 
 
+class _TerminatedError(KeyboardInterrupt):
+    """SIGTERM. No ``except Exception`` on the way takes it for a fault of a recording."""
+
+
+def _terminate(_signal: int, _frame: object) -> None:
+    raise _TerminatedError
+
+
+@contextmanager
+def _signals_as_errors() -> Iterator[None]:
+    """Turn SIGINT and SIGTERM into errors with a message and the shell's exit code."""
+    before = signal.signal(signal.SIGTERM, _terminate)
+    try:
+        yield
+    except KeyboardInterrupt as error:
+        what, number = ("terminated", 15) if isinstance(error, _TerminatedError) else ("interrupted", 2)
+        text = f"{what}; what was finished is kept: the same command continues from there"
+        raise InterruptedRunError(text, 128 + number) from error
+    finally:
+        signal.signal(signal.SIGTERM, before)
+
+
 def _go(stage: str, settings: Settings, options: engine.Options) -> None:
-    outcome = engine.run(settings, options, last=stage, console=console)
+    with _signals_as_errors():
+        outcome = engine.run(settings, options, last=stage, console=console)
     if stage == "calibrate":
         console.print(lcm_table(artefacts.read(options.work, "summary_lcm")))
     if stage in ("validate", "report"):
@@ -128,6 +157,23 @@ def synthesize(
     console.print(f"{len(made)} recordings in {out}", soft_wrap=True)
 
 
+@app.command()
+def scenarios(
+    out: Annotated[Path, typer.Option(help="folder of tables, figures and pages")] = DEFAULT_REPORTS / "scenarios",
+    sweep: Annotated[bool, typer.Option("--sweep", help="also every combination of the options")] = False,
+    pipeline: Pipeline = "scenarios",
+    work: Work = DEFAULT_WORK,
+    workers: Workers = 2,
+) -> None:
+    """Run the paper's scenarios and enter them beside every published number."""
+    path = settings_file.find_pipeline(pipeline or "scenarios")
+    made = scenario_stage.run(
+        settings_file.load_model(path, ScenarioSettings), out, sweep=sweep, work=work, threads=workers
+    )
+    console.print(claims_table(made.frames["claims"]))
+    console.print(f"scenarios: {made.page.resolve()}", soft_wrap=True)
+
+
 def main() -> None:
     """Entry point: every known error is one line on stderr and its exit code."""
     try:
@@ -135,3 +181,7 @@ def main() -> None:
     except HighdLcError as error:
         errors.print(f"highd-lc: {error}", markup=False)
         sys.exit(error.exit_code)
+    except OSError as error:
+        # The file system refused something that no layer below gives a name of its own to.
+        errors.print(f"highd-lc: {error}", markup=False)
+        sys.exit(StorageError.exit_code)

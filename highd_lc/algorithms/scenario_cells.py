@@ -2,6 +2,7 @@
 
 import itertools
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any, Final
 
 from highd_lc.algorithms.platoon import Platoon
@@ -43,6 +44,29 @@ def pair_omegas(settings: ScenarioSettings) -> tuple[float, ...]:
     return BENCHMARK_OMEGA, settings.loss.omega_av
 
 
+def rows_of_variants(settings: ScenarioSettings, *, threads: int = 1) -> list[Row]:
+    """The cells of every named variant; of the default one for every weight of the AV."""
+    named = variants(settings)
+    weights = {name: settings.omegas if name == DEFAULT else pair_omegas(settings) for name in named}
+
+    def one(name: str) -> list[Row]:
+        return rows_of_options(name, named[name], settings, weights[name])
+
+    with ThreadPoolExecutor(threads) as pool:
+        return [row for rows in pool.map(one, named) for row in rows]
+
+
+def rows_of_sweep(settings: ScenarioSettings, *, threads: int = 1) -> Iterator[list[Row]]:
+    """The cells of every combination of the sweep, one combination after the other."""
+    weights = pair_omegas(settings)
+
+    def one(named: tuple[str, ScenarioOptions]) -> list[Row]:
+        return rows_of_options(named[0], named[1], settings, weights)
+
+    with ThreadPoolExecutor(threads) as pool:
+        yield from pool.map(one, combinations(settings))
+
+
 def rows_of_options(
     variant: str, options: ScenarioOptions, settings: ScenarioSettings, omegas: tuple[float, ...]
 ) -> list[Row]:
@@ -59,18 +83,14 @@ def rows_of_plans(
 ) -> list[Row]:
     """One row a form, accounting and weight of the AV."""
     count = len(planned.problem.packed.follower_x)
-    unchanged = no_lane_change(planned.situation, followers=count)
+    posed = planned.situation
+    unchanged = no_lane_change(posed, followers=count)
     cells = itertools.product(names.FORMS, names.ACCOUNTINGS, omegas)
     return [
-        option_columns(planned.situation.key, variant, planned.situation.options)
+        {"scenario": posed.key, "variant": variant, "v_start": posed.v_av, **posed.options.model_dump()}
         | _cell_columns(planned, Cell(*cell), settings, unchanged)
         for cell in cells
     ]
-
-
-def option_columns(scenario: str, variant: str, options: ScenarioOptions) -> Row:
-    """The columns that say what a cell is, but for form, accounting and weight."""
-    return {"scenario": scenario, "variant": variant, **options.model_dump()}
 
 
 def _cell_columns(planned: Planned, cell: Cell, settings: ScenarioSettings, unchanged: Platoon) -> Row:

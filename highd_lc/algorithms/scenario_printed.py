@@ -103,7 +103,7 @@ def rows_of_printed_state(settings: ScenarioSettings) -> list[Row]:
         goals = [Goal(a, o) for a in names.ACCOUNTINGS for o in omegas]
         fixed = search(problem.task, goals)
         pools = {names.FIXED: fixed, names.FREE: search(problem.task, goals, known=fixed)}
-        head = {"scenario": KEY, "variant": variant_of(v_av), **options_of(settings).model_dump()}
+        head = {"scenario": KEY, "variant": variant_of(v_av), "v_start": v_av, **options_of(settings).model_dump()}
         rows += [
             head | {"form": form, "accounting": a, "omega_av": o} | _columns(problem, pools[form], Goal(a, o))
             for form, a, o in itertools.product(names.FORMS, names.ACCOUNTINGS, omegas)

@@ -54,6 +54,8 @@ def load_model(path: Path, model: type[Model]) -> Model:
 
 def _in_one_line(error: ValidationError, model: type[BaseModel] = Settings) -> str:
     first = error.errors()[0]
+    if not first["loc"]:
+        return str(first["msg"])
     key = ".".join(str(part) for part in first["loc"])
     if first["type"] == "extra_forbidden":
         return f"{key}: unknown setting; allowed here: {', '.join(_siblings(first['loc'], model))}"

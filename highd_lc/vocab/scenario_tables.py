@@ -38,6 +38,7 @@ _OPTIONS = (
     count("planned_followers", "followers that the plan and the loss know"),
 )
 _OUTCOME = (
+    number("v_start", "speed of the AV at t_start", "m/s", nullable=False),
     word("status", "of the plan", names.PLAN_STATUSES),
     number("T", "duration of the manoeuvre", "s"),
     number("x_final", "forward distance", "m"),
@@ -208,6 +209,7 @@ GROWTH = Table(
         word("policy", "benchmark, local_optimum, no_lane_change", names.POLICIES),
         count("follower", "rank behind the AV"),
         number("dip_mps", "largest drop below the speed without lane change", "m/s"),
+        number("undershoot_mps", "largest drop below the speed that lasts, the AV's at the end", "m/s"),
         number("delay_s", "delay against no lane change at the end of the run", "s"),
     ),
 )

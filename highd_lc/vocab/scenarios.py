@@ -2,7 +2,7 @@
 
 from typing import Annotated, Literal
 
-from pydantic import Field
+from pydantic import Field, ValidationError, model_validator
 
 from highd_lc.vocab.settings import (
     ConstraintSettings,
@@ -184,6 +184,20 @@ class ScenarioSettings(Section):
         dict[str, tuple[Value, ...]],
         Field(description="option -> its values, each of which `--sweep` combines with all others"),
     ]
+
+    @model_validator(mode="after")
+    def _options_exist(self) -> "ScenarioSettings":
+        """Every variant and every value of the sweep makes valid options: found when the file is read."""
+        named = {f"variants.{name}": change for name, change in self.variants.items()}
+        named["paper_literal"] = self.paper_literal
+        named |= {f"sweep.{key}": {key: value} for key, values in self.sweep.items() for value in values}
+        for where, change in named.items():
+            try:
+                self.with_options(change)
+            except ValidationError as error:
+                first = error.errors()[0]
+                raise ValueError(f"{where}.{first['loc'][0]} = {first['input']!r}: {first['msg']}") from error
+        return self
 
     def with_options(self, changes: Changes) -> ScenarioOptions:
         """The default options with some changed. Raises pydantic's ValidationError if one is not allowed."""

@@ -1,0 +1,233 @@
+"""The paper's printed numbers against each other: each statement with its line of computation."""
+
+import math
+from collections.abc import Iterator
+from typing import Any, Final
+
+import numpy as np
+
+from highd_lc.core.edie import edie
+from highd_lc.core.losses import follower_weights
+from highd_lc.core.quintic import END_JY, Quintic, sample, z_shape
+from highd_lc.vocab import published as p
+from highd_lc.vocab.names import BENCHMARK, LOCAL_OPTIMUM
+
+Row = dict[str, Any]
+
+_MEASURES: Final = (("flow_veh_h", 0, 0.006), ("speed_km_h", 1, 0.002), ("density_veh_km", 2, 0.001))
+_ROUNDING: Final = 0.0051
+"""Half a unit of the last printed digit of two decimals, and a little for binary fractions."""
+_TABLE_1_END: Final = 199.57
+"""Largest distance of another follower in Table 1 at 20 m/s: where the others are clipped [m]."""
+
+
+def arithmetic_rows() -> list[Row]:
+    """All statements (rows of ``arithmetic``)."""
+    return [*_table_2(), *_sums(), *_losses(), *_benchmark(), *_rectangle(), *_others()]
+
+
+def _row(
+    key: str, statement: str, computation: str, *, printed: float, computed: float, unit: str = "", within: float
+) -> Row:
+    consistent = abs(printed - computed) <= within
+    return {
+        "key": key,
+        "statement": statement,
+        "computation": computation,
+        "printed": printed,
+        "computed": computed,
+        "unit": unit,
+        "verdict": "consistent" if consistent else "inconsistent",
+    }
+
+
+def _table_2() -> Iterator[Row]:
+    """Table 2 from the printed totals of Table 1 (equations 25 to 27)."""
+    numbers = {(n.scenario, n.policy, n.quantity): n for n in p.SCENARIO_2}
+    for (scenario, policy), total in p.TABLE_1_TOTALS.items():
+        ours = edie(total.distance, total.time, p.RECTANGLE_AREA)
+        lines = (
+            f"3600 x {total.distance} / (225 x 15) = {ours[0]:.3f}",
+            f"3.6 x {total.distance} / {total.time} = {ours[1]:.3f}",
+            f"1000 x {total.time} / (225 x 15) = {ours[2]:.3f}",
+        )
+        for quantity, i, within in _MEASURES:
+            number = numbers[scenario, policy, quantity]
+            yield _row(
+                f"table 2, {scenario} {policy}, {quantity}",
+                "Table 2 is Edie's definition applied to the printed totals of Table 1",
+                lines[i],
+                printed=number.value,
+                computed=ours[i],
+                unit=number.unit,
+                within=within,
+            )
+
+
+def _sums() -> Iterator[Row]:
+    """The totals of Table 1 from its rows."""
+    for (scenario, policy), rows in p.TABLE_1.items():
+        total = p.TABLE_1_TOTALS[scenario, policy]
+        for what, unit, printed, values in (
+            ("time", "s", total.time, [row.time for row in rows]),
+            ("distance", "m", total.distance, [row.distance for row in rows]),
+        ):
+            yield _row(
+                f"table 1, {scenario} {policy}, {what}",
+                f"the total {what} of Table 1 is the sum over HV_1 .. HV_10, but for their rounding",
+                f"{' + '.join(f'{v:g}' for v in values)} = {sum(values):.2f}",
+                printed=printed,
+                computed=sum(values),
+                unit=unit,
+                within=_ROUNDING * len(rows),
+            )
+
+
+def _losses() -> Iterator[Row]:
+    """Losses as means of comfort and efficiency, totals as sums."""
+    for key, comfort, efficiency, printed in (
+        ("AV loss, benchmark", 28.87, 13.97, 21.42),
+        ("HV loss, benchmark", 27.50, 29.79, 28.64),
+    ):
+        value = 0.5 * comfort + 0.5 * efficiency
+        line = f"0.5 x {comfort} + 0.5 x {efficiency} = {value:.3f}"
+        yield _row(
+            key, "a loss is half comfort, half efficiency", line, printed=printed, computed=value, within=_ROUNDING
+        )
+    for key, av, hv, printed in (
+        ("total, scenario 1, benchmark", 21.42, 28.64, 50.06),
+        ("total, scenario 1, local", 26.94, 17.70, 44.64),
+        ("total, scenario 3, benchmark", 21.84, 48.44, 70.28),
+        ("total, scenario 3, local", 25.40, 42.12, 67.52),
+    ):
+        line = f"{av} + {hv} = {av + hv:.2f}"
+        yield _row(
+            key,
+            "the reported total is the unweighted sum",
+            line,
+            printed=printed,
+            computed=av + hv,
+            within=_ROUNDING,
+        )
+
+
+def _benchmark() -> Iterator[Row]:
+    """The benchmark of scenario 1 as printed cannot be a free optimum."""
+    t = np.arange(41, dtype=np.float64) * 0.1
+    s = sample(Quintic(v0=25.0, D=3.5, T=4.0, x_final=100.0, v_end=25.0), t)
+    efficiency = float(np.abs(np.hypot(s.vx, s.vy) - 33.54).sum() / 25.0)
+    comfort = float((np.abs(s.jx) + np.abs(s.jy)).sum() / 8.0)
+    yield _row(
+        "AV efficiency of 4 s at 25 m/s",
+        "the printed efficiency of the benchmark is that of T = 4.0 s at constant speed",
+        f"sum |hypot(25, ydot) - 33.54| / 25 over 0..4 s = {efficiency:.4f}",
+        printed=13.97,
+        computed=efficiency,
+        within=_ROUNDING,
+    )
+    yield _row(
+        "AV comfort of 4 s at 25 m/s",
+        "the printed comfort is that of the same motion",
+        f"sum |j_y| / 8 over 0..4 s = {comfort:.4f}",
+        printed=28.87,
+        computed=comfort,
+        within=_ROUNDING,
+    )
+    # At constant speed efficiency grows with T, comfort falls with T^2: at the optimum E = 2 C.
+    for key, C, E in (("as printed", 28.87, 13.97), ("labels swapped", 13.97, 28.87)):
+        yield _row(
+            f"free optimum, {key}",
+            "at the optimum over T of a constant-speed plan efficiency is twice comfort (E ~ T, C ~ 1/T^2)",
+            f"E / (2 C) = {E} / (2 x {C}) = {E / (2 * C):.3f}",
+            printed=1.0,
+            computed=E / (2 * C),
+            within=0.05,
+        )
+    T = math.sqrt(23.094 * 3.5 / (0.1 * 8.0 * 28.87))
+    yield _row(
+        "duration behind comfort 28.87",
+        "a constant-speed plan with the printed comfort keeps the jerk limit of 8 m/s^3",
+        f"23.094 D / T^2 = 28.87 x 8 x 0.1 gives T = {T:.2f} s, end jerk 60 D / T^3 = {END_JY * 3.5 / T**3:.1f}",
+        printed=8.0,
+        computed=END_JY * 3.5 / T**3,
+        unit="m/s³",
+        within=0.05,
+    )
+
+
+def _rectangle() -> Iterator[Row]:
+    """The rectangle of Table 1 and the follower in it that was not clipped."""
+    longest = max(row.distance for rows in p.TABLE_1.values() for row in rows)
+    yield _row(
+        "height of the rectangle",
+        "no follower drives farther in the rectangle than it is long",
+        f"largest distance in Table 1 = {longest} m in 225 m; area used {longest * 15:.0f} m s, not 3375",
+        printed=225.0,
+        computed=longest,
+        unit="m",
+        within=0.0,
+    )
+    bench, local = (p.TABLE_1_TOTALS["2_20", policy] for policy in (BENCHMARK, LOCAL_OPTIMUM))
+    printed_gain = 100.0 * (local.distance / bench.distance - 1.0)
+    beyond = p.TABLE_1["2_20", LOCAL_OPTIMUM][2].distance - _TABLE_1_END
+    gain = 100.0 * ((local.distance - beyond) / bench.distance - 1.0)
+    moved = f"({local.distance} - (235.56 - {_TABLE_1_END})) / {bench.distance} - 1"
+    yield _row(
+        "HV_3 at 20 m/s",
+        "the gain in flow at 20 m/s outlasts the clipping of HV_3, the only one beyond 200 m",
+        f"{moved} = {gain:.2f} %, printed {printed_gain:.2f} %",
+        printed=printed_gain,
+        computed=gain,
+        unit="%",
+        within=0.1,
+    )
+
+
+def _others() -> Iterator[Row]:
+    """Headway, weights, lateral shift."""
+    yield _row(
+        "shortest time headway",
+        "10 m between centres at 25 m/s are a time headway below the printed shortest one",
+        "10 / 25 = 0.40 s at t_start already",
+        printed=0.42,
+        computed=10.0 / 25.0,
+        unit="s",
+        within=_ROUNDING,
+    )
+    v, spacing = np.array([5.27, 5.43, 4.56]), np.array([24.23, 59.73, 107.26])
+    weights = follower_weights(v, spacing, 0.0)
+    for i, (ours, printed) in enumerate(zip(weights, p.SCENARIO_3_WEIGHTS, strict=True)):
+        yield _row(
+            f"weight of HV_{i + 1}, scenario 3",
+            "equations 16 and 17 give the printed weights",
+            f"{v[i]} / sqrt({spacing[i]}) over the sum of all = {ours:.5f}",
+            printed=printed,
+            computed=float(ours),
+            within=_ROUNDING,
+        )
+    yield _row(
+        "equation 4",
+        "the lateral polynomial y = 6 D z ends at D",
+        f"6 D z(1) = 6 x 3.5 x {z_shape(1.0):g} = {6 * 3.5 * z_shape(1.0):g} m",
+        printed=3.5,
+        computed=6 * 3.5 * z_shape(1.0),
+        unit="m",
+        within=1e-9,
+    )
+    corner = (2.5 / 2.5) ** 2 + (1.0 / 1.0) ** 2
+    yield _row(
+        "C_a, C_b",
+        "the ellipse with semi-axes 2.5 m and 1.0 m holds the corners of the 5 m x 2 m box (at most 1)",
+        f"(2.5 / 2.5)^2 + (1.0 / 1.0)^2 = {corner:g}",
+        printed=1.0,
+        computed=corner,
+        within=1e-9,
+    )
+    yield _row(
+        "weight 0.1",
+        "the printed total at omega_AV = 0.1 lies above the benchmark's",
+        f"36.79 + 14.14 = {36.79 + 14.14:.2f} against 50.06",
+        printed=50.93,
+        computed=36.79 + 14.14,
+        within=_ROUNDING,
+    )

@@ -1,0 +1,277 @@
+"""Pages of the scenarios: what happens (figures), and the ledger of every published number and claim."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import pandas as pd
+from markupsafe import Markup
+
+from highd_lc.reporting import html, labels
+from highd_lc.reporting.overview import Column, Section, TableView, table_view
+from highd_lc.vocab import names
+
+PAGES: Final = (("index.html", "Scenarios"), ("ledger.html", "Ledger of published numbers"))
+_VERDICT_WORDS: Final = {"holds": "holds", "fails": "fails", "unchanged": "no change", "no_plan": "no plan"}
+
+
+@dataclass(frozen=True)
+class Words:
+    """What is said of a figure: title, caption, and what it shows for those who cannot see it."""
+
+    title: str
+    caption: str
+    alternative: str
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A figure of a page: its name, its SVG, its PNG (in ``figures/`` beside the page), its words."""
+
+    name: str
+    svg: Markup
+    png: bytes
+    words: Words
+
+
+def scenario_page(
+    here: str, title: str, sections: Sequence[Section], *, lead: Sequence[str | Markup], back: bool
+) -> str:
+    """A page in the reports' look with the scenarios' own navigation.
+
+    back: whether a report lies in the folder above.
+    """
+    pages = [*PAGES, *([("../index.html", "Report of the recordings")] if back else [])]
+    context = {"root": "", "here": here, "title": title, "lead": lead, "sections": sections, "pages": pages}
+    return html.render("overview.html", context)
+
+
+def picture_section(
+    picture: Picture, tables: Sequence[TableView] = (), folded: Sequence[TableView] = ()
+) -> Section:
+    """A section about one figure, with a link to its PNG."""
+    link = Markup('<a href="figures/{}.png">PNG</a>').format(picture.name)
+    return Section(
+        picture.words.title,
+        (),
+        picture.svg,
+        Markup("{} {}").format(picture.words.caption, link),
+        tuple(tables),
+        tuple(folded),
+        anchor=picture.name,
+    )
+
+
+_LEDGER_COLUMNS: Final = (
+    Column("what", "Quantity"),
+    Column("policy_label", "Policy"),
+    Column("unit", "Unit"),
+    Column("published", "Published", digits=2),
+    Column("ours", "Ours", digits=2),
+    Column("ratio", "Ratio", digits=3),
+    Column("verdict", "Verdict"),
+    Column("paper_literal", "Paper literal", digits=2),
+    *(Column(a, f"Accounting “{labels.ACCOUNTING_NAMES[a].lower()}”", digits=2) for a in names.ACCOUNTINGS),
+    Column("nearest", "Nearest", digits=2),
+    Column("nearest_ratio", "Ratio", digits=3),
+    Column("nearest_cell", "in the cell (variant, form, accounting)"),
+    Column("note", "Note"),
+)
+_TITLES: Final = {
+    "1": "Scenario 1: ten followers, AV at 25 m/s",
+    "2_15": "Scenario 2: a hundred followers, AV at 15 m/s",
+    "2_20": "Scenario 2: a hundred followers, AV at 20 m/s",
+    "3": "Scenario 3: the printed state of one recorded event",
+}
+QUANTITY_WORDS: Final = {
+    **labels.QUANTITIES,
+    "ttt_difference_s": "added total travel time",
+    "hv1_v_min": "lowest speed of HV 1",
+    "min_time_headway_s": "shortest time headway",
+    "av_v_max": "peak speed of the AV",
+    "flow_veh_h": "flow",
+    "speed_km_h": "speed",
+    "density_veh_km": "density",
+    "rectangle_time_s": "time in the rectangle",
+    "rectangle_distance_m": "distance in the rectangle",
+}
+
+
+def quantity_words(quantity: str) -> str:
+    """A quantity as a reader says it; "column rank" becomes "... of HV rank"."""
+    column, _, rank = quantity.partition(" ")
+    words = QUANTITY_WORDS.get(column, column)
+    return f"{words}, HV {rank}" if rank else words
+
+
+def readable_ledger(ledger: pd.DataFrame) -> pd.DataFrame:
+    """The ledger with words in place of names."""
+    policy = ledger["policy"].map(labels.short_policy)
+    weighted = ledger["key"].str.extract(r"@([0-9.]+):", expand=False)
+    policy = policy.where(weighted.isna(), "omega_AV " + weighted.fillna(""))
+    return ledger.assign(what=ledger["quantity"].map(quantity_words), policy_label=policy)
+
+
+def ledger_sections(ledger: pd.DataFrame) -> list[Section]:
+    """One section a scenario; Table 1 behind a click."""
+    readable = readable_ledger(ledger)
+    sections = []
+    for scenario, title in _TITLES.items():
+        rows = readable[readable["scenario"] == scenario]
+        cells = rows["quantity"].str.startswith("rectangle_")
+        folded = [table_view(rows[cells], _LEDGER_COLUMNS, "Table 1, vehicle by vehicle")] if cells.any() else []
+        main = table_view(rows[~cells], _LEDGER_COLUMNS)
+        sections.append(Section(title, tables=(main,), folded=tuple(folded), anchor=f"scenario-{scenario}"))
+    return sections
+
+
+CLAIM_WORDS: Final = {
+    "hv_loss_falls": "HV loss falls",
+    "total_loss_falls": "total loss falls",
+    "av_loss_rises": "AV loss rises",
+    "travel_time_falls": "travel time falls",
+    "av_faster": "AV faster",
+    "av_returns": "AV returns",
+    "flow_rises": "flow rises",
+    "speed_rises": "speed rises",
+    "density_falls": "density falls",
+    "total_lowest_at_half": "total lowest at 0.5-0.6",
+    "weights_trade": "weights trade losses",
+}
+"""Claims in the order of the paper, in few words."""
+
+_CLAIM_COLUMNS: Final = (
+    Column("statement", "Claim"),
+    Column("scenario_label", "Scenario"),
+    Column("printed", "Printed"),
+    *(
+        Column(f"{form} {accounting}", f"{labels.FORMS[form]}, {labels.ACCOUNTING_NAMES[accounting].lower()}")
+        for form in names.FORMS
+        for accounting in names.ACCOUNTINGS
+    ),
+)
+_DETAIL_COLUMNS: Final = (
+    Column("statement", "Claim"),
+    Column("scenario_label", "Scenario"),
+    Column("cell", "Form and accounting"),
+    Column("default_label", "Default options"),
+    Column("holds_text", "Holds under"),
+    Column("fails_text", "Fails or nothing changes under"),
+    Column("missing_text", "No plan under"),
+)
+
+
+def claims_section(claims: pd.DataFrame) -> Section:
+    """The claims by form and accounting: verdict under the default options, and in how many variants it holds."""
+    labelled = claims.assign(
+        scenario_label=claims["scenario"].map(scenario_words),
+        cell=[f"{r.form} {r.accounting}" for r in claims.itertuples()],
+        default_label=claims["default_verdict"].map(_VERDICT_WORDS),
+        **{
+            f"{name}_text": [", ".join(v) or "–" for v in claims[f"{column}_under"]]
+            for name, column in (("holds", "holds"), ("fails", "fails"), ("missing", "no_plan"))
+        },
+    )
+    labelled["verdict"] = [_verdict_text(row) for row in labelled.itertuples()]
+    order = labelled["claim"].map({name: i for i, name in enumerate(CLAIM_WORDS)})
+    labelled = labelled.iloc[order.argsort(kind="stable")]
+    index = ["claim", "scenario", "statement", "scenario_label", "printed"]
+    wide = labelled.pivot_table(index=index, columns="cell", values="verdict", aggfunc="first", sort=False)
+    text = (
+        "Each cell: the verdict under the default options, then in how many of the variants the claim holds, "
+        "of those "
+        "that have both plans. “No change” means that benchmark and local optimum are the same plan, or "
+        "differ by less "
+        "than 0.1 %."
+    )
+    return Section(
+        "Claims",
+        (text,),
+        tables=(table_view(wide.reset_index(), _CLAIM_COLUMNS),),
+        folded=(table_view(labelled, _DETAIL_COLUMNS, "The options under which each claim holds and fails"),),
+        anchor="claims",
+    )
+
+
+def _verdict_text(row: object) -> str:
+    verdict, holds, cells = row.default_verdict, row.holds, row.cells  # type: ignore[attr-defined]
+    counted = f" ({holds} of {cells})" if cells > 1 else ""
+    return f"{_VERDICT_WORDS[verdict]}{counted}"
+
+
+def scenario_words(key: str) -> str:
+    """A scenario's key as a reader says it: "2_15" is "2, AV 15 m/s"."""
+    number, _, speed = key.partition("_")
+    return f"{number}, AV {speed} m/s" if speed else number
+
+
+def arithmetic_section(rows: pd.DataFrame) -> Section:
+    """The paper's numbers against each other."""
+    columns = (
+        Column("key", "About"),
+        Column("statement", "Statement"),
+        Column("computation", "Computation"),
+        Column("printed", "Printed", digits=3),
+        Column("computed", "Computed", digits=3),
+        Column("unit", "Unit"),
+        Column("verdict", "Verdict"),
+    )
+    odd = rows["verdict"] == "inconsistent"
+    return Section(
+        "Arithmetic of the printed numbers",
+        (f"{int(odd.sum())} statements do not hold, {int((~odd).sum())} do.",),
+        tables=(table_view(rows[odd], columns, "Inconsistent"),),
+        folded=(table_view(rows[~odd], columns, f"Consistent: {int((~odd).sum())} statements"),),
+        anchor="arithmetic",
+    )
+
+
+def ledger_markdown(ledger: pd.DataFrame, claims: pd.DataFrame, arithmetic: pd.DataFrame) -> str:
+    """The ledger as a text with tables, for the documentation; Table 1 is left to the page."""
+    readable = readable_ledger(ledger)
+    short = readable[~readable["quantity"].str.startswith("rectangle_")]
+    parts = [_MARKDOWN_HEAD, _ledger_table(short), _MARKDOWN_CLAIMS, _claims_table(claims), _MARKDOWN_ARITHMETIC]
+    odd = arithmetic[arithmetic["verdict"] == "inconsistent"]
+    lines = [f"| {r.statement} | {r.computation} | {html.number(r.printed)} |" for r in odd.itertuples()]
+    return "\n".join([*parts, "| statement | computation | printed |", "|---|---|---|", *lines, ""])
+
+
+_MARKDOWN_HEAD: Final = """# Published numbers of the scenarios, and ours
+
+Written by `highd-lc scenarios`. The ledger in full, with Table 1 vehicle by vehicle and every option, is the page
+`reports/scenarios/ledger.html` and `ledger.parquet` beside it. Nothing was tuned: *ours* is the default of
+`pipelines/scenarios.toml`, *nearest* the best of all cells (19 variants x 2 forms x 3 accountings), told as such.
+"""
+_MARKDOWN_CLAIMS: Final = """
+## Claims
+
+Verdict under the default options, and in how many variants of the options the claim holds, of those with both
+plans.
+"""
+_MARKDOWN_ARITHMETIC: Final = """
+## Printed numbers that contradict each other
+"""
+
+
+def _ledger_table(readable: pd.DataFrame) -> str:
+    head = "| scenario | quantity | policy | published | ours | ratio | verdict | nearest | in the cell |"
+    lines = [
+        f"| {scenario_words(r.scenario)} | {r.what}{f' [{r.unit}]' if r.unit else ''} | {r.policy_label} "
+        f"| {html.number(r.published)} | {html.number(r.ours)} | {html.number(r.ratio)} | {r.verdict} "
+        f"| {html.number(r.nearest)} | {r.nearest_cell} |"
+        for r in readable.itertuples()
+    ]
+    return "\n".join([head, "|---|---|---|---|---|---|---|---|---|", *lines])
+
+
+def _claims_table(claims: pd.DataFrame) -> str:
+    section = claims_section(claims)
+    table = section.tables[0]
+    head = "| " + " | ".join(column.title for column in table.columns) + " |"
+    rule = "|" + "---|" * len(table.columns)
+    return "\n".join([head, rule, *("| " + " | ".join(map(str, row)) + " |" for row in table.rows)])
+
+
+def claim_counts(claims: pd.DataFrame) -> Mapping[str, int]:
+    """How many claims hold, fail, change nothing or have no plan under the default options and cells."""
+    return claims["default_verdict"].value_counts().to_dict()

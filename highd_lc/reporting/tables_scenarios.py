@@ -1,0 +1,255 @@
+"""What the scenarios' page says beside each figure: titles, texts, alternatives and tables."""
+
+from collections.abc import Mapping
+from typing import Final
+
+import pandas as pd
+from markupsafe import Markup
+
+from highd_lc.reporting import html, labels
+from highd_lc.reporting.overview import Column, Section, TableView, table_view
+from highd_lc.reporting.pages_scenarios import Picture, Words, claim_counts, picture_section, scenario_words
+from highd_lc.vocab.scenarios import ScenarioSettings
+
+Frames = Mapping[str, pd.DataFrame]
+
+WORDS: Final = {
+    "plans": Words(
+        "Plans of the AV (figure 9 of the paper)",
+        "Benchmark minimises the AV's own loss, local optimum the mean of its own and the followers'. A dot marks "
+        "the end of the manoeuvre; the AV drives on at its end speed.",
+        "Forward offset, lateral position, speed and acceleration of both plans over time, one column an AV "
+        "speed.",
+    ),
+    "followers": Words(
+        "Scenario 1: the followers (figure 8)",
+        "Ten followers behind the AV at 25 m/s. All of them relax at once: at v_desire = 25 m/s no spacing is in "
+        "equilibrium, the platoon held at 44 m until t_start begins to stretch. The benchmark hardly differs.",
+        "Trajectories in a frame that moves at 25 m/s, speeds, accelerations and time headways of ten followers.",
+    ),
+    "losses": Words(
+        "Scenario 1: losses (figure 10)",
+        "Each bar is half of comfort and half of efficiency, AV below, followers above. Left the printed totals.",
+        "Losses of benchmark and local optimum by part, fixed and free end speed, three accountings, and as "
+        "printed.",
+    ),
+    "weights": Words(
+        "Scenario 1: the weight of the AV (figure 11)",
+        "The total is lowest at omega_AV = 0.5 by construction: half of it is the objective there.",
+        "Losses of AV and followers and their sum over omega_AV under three accountings, with the printed points.",
+    ),
+    "speed_maps": Words(
+        "Scenario 2: speed over space and time (figures 12 and 13)",
+        "Cells by exact clipping; where nobody was, the map is white. With the end speed fixed the AV stays "
+        "as slow "
+        "as it came, and the platoon behind it with it.",
+        "Speed maps of both policies and their difference for the AV at 15 and 20 m/s.",
+    ),
+    "rectangle": Words(
+        "Scenario 2: trajectories in the rectangle (figure 14), Tables 1 and 2",
+        "The rectangle is 225 m by 15 s as printed, placed so that HV 1 drives the printed 147 m in it. The "
+        "printed "
+        "distances of up to 248 m do not fit into 225 m (see the ledger).",
+        "Trajectories of ten followers around the rectangle, benchmark dashed, local optimum solid.",
+    ),
+    "scenario_3": Words(
+        "Scenario 3: the printed state of one recorded event",
+        "The AV's speed is not printed, so it is the axis; dotted lines are the printed totals. Equations 16 "
+        "and 17 "
+        "give the printed weights (ledger, arithmetic).",
+        "Total loss of both policies over the speed of the AV under three accountings.",
+    ),
+    "growth": Words(
+        "String stability, and how far up the platoon the local optimum helps",
+        "Top left: amplification of a speed oscillation from vehicle to vehicle, linearised at equilibrium. The "
+        "others: largest drop of each follower below the speed that lasts.",
+        "Amplification over speed for six sets of drivers; undershoot over the follower's rank under both "
+        "policies.",
+    ),
+}
+
+
+def lead(frames: Frames, settings: ScenarioSettings) -> list[str | Markup]:
+    """What the page begins with: options, claims, the way to the ledger."""
+    counted = claim_counts(_default_claims(frames["claims"], settings))
+    claims = ", ".join(f"{n} {word}" for word, n in counted.items())
+    options = settings.options
+    return [
+        f"Default options: accounting “{labels.ACCOUNTING_NAMES[settings.accounting].lower()}”, "
+        f"{labels.FORMS[settings.form].lower()}, platoon at {settings.scenario_1.platoon_speed:g} m/s with "
+        f"{options.spacing_m:g} m spacing ({options.pre_phase} until t_start), followers' losses: "
+        f"{options.aggregation}, H = {options.horizon_s:g} s.",
+        f"Claims of the paper under them: {claims}.",
+        Markup('Every published number beside ours: <a href="ledger.html">the ledger</a>.'),
+    ]
+
+
+def _default_claims(claims: pd.DataFrame, settings: ScenarioSettings) -> pd.DataFrame:
+    return claims[(claims["form"] == settings.form) & (claims["accounting"] == settings.accounting)]
+
+
+def ledger_lead(frames: Frames) -> list[str]:
+    """What the ledger begins with: how many numbers come out."""
+    verdicts = frames["ledger"]["verdict"].value_counts()
+    nearest = frames["ledger"]["nearest_verdict"].value_counts()
+    total = len(frames["ledger"])
+
+    def told(counts: pd.Series) -> str:
+        return ", ".join(f"{n} {word}" for word, n in counts.items())
+
+    return [
+        f"{total} published numbers. Under the default options: {told(verdicts)}. In the cell nearest to each: "
+        f"{told(nearest)}. Reproduced: within 1 %; near: within 10 %.",
+        "Nothing was tuned towards the paper: the nearest cell is another one for every number, which says "
+        "that no "
+        "single set of conventions among these gives the paper's results.",
+    ]
+
+
+def section_of(picture: Picture, frames: Frames) -> Section:
+    """The section of a figure with the tables that belong to it."""
+    makers = {"followers": _tracking, "rectangle": _traffic, "speed_maps": _waves, "growth": _reach}
+    shown, folded = makers[picture.name](frames) if picture.name in makers else ([], [])
+    return picture_section(picture, shown, folded)
+
+
+Tables = tuple[list[TableView], list[TableView]]
+
+
+def _worded(frame: pd.DataFrame) -> pd.DataFrame:
+    changed = frame.assign(scenario=frame["scenario"].map(scenario_words)) if "scenario" in frame else frame
+    return changed.assign(policy=changed["policy"].map(labels.short_policy)) if "policy" in changed else changed
+
+
+def _tracking(frames: Frames) -> Tables:
+    columns = (
+        Column("policy", "Policy"),
+        Column("plant", "Car"),
+        Column("status", "Status"),
+        Column("max_lateral_m", "Largest lateral error", "m", 3),
+        Column("max_longitudinal_m", "longitudinal", "m", 3),
+        Column("loss_av", "AV loss", digits=2),
+        Column("loss_hv", "HV loss", digits=2),
+        Column("loss_total", "Total", digits=2),
+        Column("hv1_v_min", "Lowest speed of HV 1", "m/s", 2),
+    )
+    caption = "The AV as the MPC drives it, and the followers behind that motion; jerk by finite differences."
+    return [table_view(_worded(frames["scenario_tracking"]), columns, caption)], []
+
+
+def _traffic(frames: Frames) -> Tables:
+    state = (
+        Column("scenario", "Scenario"),
+        Column("policy", "Policy"),
+        Column("measure", "Measure"),
+        Column("unit", "Unit"),
+        Column("published", "Published", digits=3),
+        Column("from_table_1", "From the printed Table 1", digits=3),
+        Column("ours", "Ours", digits=3),
+    )
+    vehicles = (
+        Column("scenario", "Scenario"),
+        Column("policy", "Policy"),
+        Column("follower", "HV", digits=0),
+        Column("published_time_s", "Time, published", "s", 2),
+        Column("time_s", "ours", "s", 2),
+        Column("published_distance_m", "Distance, published", "m", 2),
+        Column("distance_m", "ours", "m", 2),
+    )
+    contacts = (
+        Column("scenario", "Scenario"),
+        Column("gap_reading", "10 m between"),
+        Column("motion", "Motion of the AV"),
+        Column("status", "Status"),
+        Column("gap_start_m", "Gap at t_start", "m", 2),
+        Column("min_gap_m", "Smallest gap", "m", 2),
+        Column("min_gap_at_s", "at", "s", 1),
+        Column("min_clearance_m", "Smallest clearance of the ellipses", "m", 2),
+        Column("hv1_peak_decel", "HV 1 brakes by", "m/s²", 2),
+        Column("verdict", "Outcome"),
+    )
+    told = frames["contacts"].assign(
+        motion=frames["contacts"]["motion"].map(labels.short_policy),
+        scenario=frames["contacts"]["scenario"].map(scenario_words),
+        verdict=frames["contacts"]["collision"].map({True: "collision", False: "no contact"}).fillna("no plan"),
+    )
+    about = (
+        "Is 10 m in front of HV 1 possible? AV and HV 1 lengthwise, HV 1 braking by LCM from t_start on. A "
+        "collision is "
+        "a negative gap: the AV is then still beside HV 1, on its own lane, or has been hit."
+    )
+    return (
+        [table_view(_worded(frames["traffic_state"]), state, "Table 2"), table_view(told, contacts, about)],
+        [table_view(_worded(frames["rectangle"]), vehicles, "Table 1, vehicle by vehicle")],
+    )
+
+
+def _waves(frames: Frames) -> Tables:
+    columns = (
+        Column("scenario", "Scenario"),
+        Column("policy", "Policy"),
+        Column("speed_mps", "Wave speed", "m/s", 2),
+        Column("low_mps", "from", "m/s", 2),
+        Column("high_mps", "to", "m/s", 2),
+        Column("pairs", "Pairs", digits=0),
+        Column("correlation", "Correlation", digits=3),
+        Column("status", "Status"),
+    )
+    caption = (
+        "Speed of the shock wave along the road by cross-correlation from follower to follower, 95 % bootstrap "
+        "interval over the pairs; positive = it is carried downstream."
+    )
+    return [table_view(_worded(frames["waves"]), columns, caption)], []
+
+
+REACH_MPS: Final = 0.05
+"""Difference in undershoot that counts as help [m/s]."""
+
+
+def reach(growth: pd.DataFrame) -> pd.DataFrame:
+    """How far up the platoon the local optimum helps: last follower whose undershoot it lowers by 0.05 m/s.
+
+    growth: rows of ``growth``. Columns drivers, scenario, first_benchmark, first_local [m/s], last_helped,
+    last_harmed (ranks, 0 = none), delay_saved_s (summed over the platoon).
+    """
+    wide = growth.pivot_table(
+        index=["drivers", "scenario", "follower"],
+        columns="policy",
+        values=["undershoot_mps", "delay_s"],
+        sort=False,
+    )
+    rows = []
+    for (drivers, scenario), part in wide.groupby(level=["drivers", "scenario"], sort=False):
+        drop, delay = part["undershoot_mps"], part["delay_s"]
+        gained = drop["benchmark"] - drop["local_optimum"]
+        ranks = part.index.get_level_values("follower")
+        rows.append(
+            {
+                "drivers": drivers,
+                "scenario": scenario,
+                "first_benchmark": drop["benchmark"].iloc[0],
+                "first_local": drop["local_optimum"].iloc[0],
+                "last_helped": ranks[gained > REACH_MPS].max() if (gained > REACH_MPS).any() else 0,
+                "last_harmed": ranks[gained < -REACH_MPS].max() if (gained < -REACH_MPS).any() else 0,
+                "delay_saved_s": float((delay["benchmark"] - delay["local_optimum"]).sum()),
+            }
+        )
+    return pd.DataFrame(rows)
+
+
+def _reach(frames: Frames) -> Tables:
+    columns = (
+        Column("drivers", "Drivers"),
+        Column("scenario", "AV as in scenario"),
+        Column("first_benchmark", "Undershoot of HV 1, benchmark", "m/s", 2),
+        Column("first_local", "local optimum", "m/s", 2),
+        Column("last_helped", "Helped up to HV", digits=0),
+        Column("last_harmed", "Harmed up to HV", digits=0),
+        Column("delay_saved_s", "Delay saved, all followers", "s", 2),
+    )
+    caption = (
+        f"Helped, harmed: the local optimum changes the undershoot by more than {html.number(REACH_MPS)} m/s; "
+        f"0 = nobody. "
+        "The delay is taken at the end of the run."
+    )
+    return [table_view(_worded(reach(frames["growth"])), columns, caption)], []
