@@ -6,7 +6,6 @@ recording. A finished artefact holds one row group a recording, so that a record
 """
 
 import json
-import os
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import asdict
 from functools import cache
@@ -17,7 +16,7 @@ import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from highd_lc.io import schemas
+from highd_lc.io import atomic, schemas
 from highd_lc.vocab.errors import ArtefactError
 from highd_lc.vocab.job import Job, Provenance
 from highd_lc.vocab.tables import SCHEMA_VERSION, TABLES, Column, Table
@@ -113,17 +112,9 @@ def _to_array(name: str, column: Column, values: pd.Series) -> pa.Array:
 
 
 def write(path: Path, table: pa.Table, *, options: Mapping[str, Any] = _SMALL) -> None:
-    """Write a table to a temporary name, flush it to disk and rename it: never half-written."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
-    try:
-        with temporary.open("wb") as sink:
-            pq.write_table(table, sink, **options)
-            sink.flush()
-            os.fsync(sink.fileno())
-        temporary.replace(path)
-    finally:
-        temporary.unlink(missing_ok=True)
+    """Write a table: whole or not at all. Raises StorageError if it cannot be written."""
+    with atomic.replacing(path) as sink:
+        pq.write_table(table, sink, **options)
 
 
 def write_part(job: Job, stage: str, name: str, frame: pd.DataFrame) -> int:
@@ -159,27 +150,19 @@ def concatenate(work: Path, stage: str, name: str, recordings: Iterable[int], pr
 
 def write_groups(work: Path, name: str, groups: Iterable[pa.Table], provenance: Provenance) -> int:
     """Write a finished artefact from its row groups, one at a time. Returns the number of rows."""
-    path = path_of(work, name)
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
     schema = arrow_schema(name).with_metadata(_about(provenance))
     rows = 0
-    try:
-        with temporary.open("wb") as sink:
-            with pq.ParquetWriter(sink, schema, **_parquet_options(name)) as writer:
-                for group in groups:
-                    rows += group.num_rows
-                    writer.write_table(group.cast(schema), row_group_size=max(group.num_rows, 1))
-            sink.flush()
-            os.fsync(sink.fileno())
-        temporary.replace(path)
-    finally:
-        temporary.unlink(missing_ok=True)
+    with (
+        atomic.replacing(path_of(work, name)) as sink,
+        pq.ParquetWriter(sink, schema, **_parquet_options(name)) as writer,
+    ):
+        for group in groups:
+            rows += group.num_rows
+            writer.write_table(group.cast(schema), row_group_size=max(group.num_rows, 1))
     return rows
 
 
-def read(
-    work: Path, name: str, *, recording: int | None = None, columns: list[str] | None = None
-) -> pd.DataFrame:
+def read(work: Path, name: str, *, recording: int | None = None, columns: list[str] | None = None) -> pd.DataFrame:
     """Read a finished artefact, all of it or one recording's rows.
 
     Nullable integers come as Int64, maps as dicts. Raises ArtefactError if it is missing, of another schema

@@ -1,20 +1,19 @@
-"""The book-keeping of a work folder: which parts are finished, and from what they were made."""
+"""A work folder: its lock, its log, the hashes of what it was made from, and what no longer belongs in it."""
 
 import fcntl
 import hashlib
 import json
-import os
 import shutil
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import cache
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from highd_lc.vocab.errors import UsageError
-from highd_lc.vocab.job import JobReport, Problem
+from highd_lc.io import atomic
+from highd_lc.vocab.errors import InputError, StorageError, UsageError
 
 
 @cache
@@ -25,20 +24,6 @@ def code_version() -> str:
     for path in sorted(p for p in package.rglob("*") if p.suffix in (".py", ".css", ".js", ".html", ".jinja")):
         sources.update(path.relative_to(package).as_posix().encode() + path.read_bytes())
     return f"{version('highd-lc')}+{sources.hexdigest()[:12]}"
-
-
-def write_text(path: Path, text: str) -> None:
-    """Write a small file atomically: temporary name, flush to disk, rename."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
-    try:
-        with temporary.open("w", encoding="utf-8") as sink:
-            sink.write(text)
-            sink.flush()
-            os.fsync(sink.fileno())
-        temporary.replace(path)
-    finally:
-        temporary.unlink(missing_ok=True)
 
 
 def read_json(path: Path) -> dict[str, Any]:
@@ -52,31 +37,59 @@ def read_json(path: Path) -> dict[str, Any]:
 
 @contextmanager
 def lock(work: Path) -> Iterator[None]:
-    """Keep other runs out of a work folder. Raises UsageError if one is in it.
+    """Keep other runs out of a work folder, and clear away what killed runs left unfinished in it.
 
-    The kernel releases the lock with the process, however that ends: a crash leaves none behind.
+    The kernel releases the lock with the process, however that ends: a crash leaves none behind. Raises
+    UsageError if another run is in it, StorageError if the folder cannot be written.
     """
-    work.mkdir(parents=True, exist_ok=True)
-    with (work / "lock").open("w") as handle:
+    try:
+        work.mkdir(parents=True, exist_ok=True)
+        handle = (work / "lock").open("a")
+    except OSError as error:
+        raise StorageError(f"{work}: cannot be used as the work folder: {error.strerror}") from error
+    with handle:
         try:
             fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError as error:
             raise UsageError(f"{work}: another run is using this work folder") from error
+        atomic.remove_stale(work)
         yield
 
 
-def drop_other_tracks(work: Path, recordings: Iterable[int]) -> None:
-    """Remove the tracks of recordings that are no longer among the inputs."""
-    kept = {f"recording={recording:02d}" for recording in recordings}
+def drop_other_recordings(work: Path, recordings: Iterable[int]) -> None:
+    """Remove what was made of recordings that are no longer among the inputs."""
+    kept = {f"{recording:02d}" for recording in recordings}
     for folder in (work / "tracks").glob("recording=*"):
-        if folder.name not in kept:
-            shutil.rmtree(folder)
+        if folder.name.removeprefix("recording=") not in kept:
+            _remove_folder(folder)
+    for part in (work / "parts").glob("*/*"):
+        if part.name.removesuffix(".json") not in kept:
+            _remove_folder(part) if part.is_dir() else part.unlink()
+
+
+def drop_recording(work: Path, recording: int, stages: Iterable[str]) -> None:
+    """Remove what the stages made of a recording of which they could not make it anew."""
+    name = f"{recording:02d}"
+    for stage in stages:
+        (work / "parts" / stage / f"{name}.json").unlink(missing_ok=True)
+        _remove_folder(work / "parts" / stage / name)
+        if stage == "ingest":
+            _remove_folder(work / "tracks" / f"recording={name}")
+
+
+def _remove_folder(folder: Path) -> None:
+    if folder.is_dir():
+        shutil.rmtree(folder)
 
 
 def append_log(work: Path, entry: dict[str, Any]) -> None:
     """Add a line to the run's log: wall times live here, so that artefacts are the same from run to run."""
-    with (work / "run.log").open("a", encoding="utf-8") as sink:
-        sink.write(json.dumps(entry, sort_keys=True) + "\n")
+    path = work / "run.log"
+    try:
+        with path.open("a", encoding="utf-8") as sink:
+            sink.write(json.dumps(entry, sort_keys=True) + "\n")
+    except OSError as error:
+        raise StorageError(f"{path}: cannot be written: {error.strerror}") from error
 
 
 @dataclass(frozen=True)
@@ -94,44 +107,35 @@ class InputHashes:
         return cls(store, read_json(store), verify)
 
     def of(self, path: Path) -> str:
-        """Hash of a file's content; "missing" if there is none."""
+        """Hash of a file's content. Raises InputError if it cannot be read."""
         try:
-            stat = path.stat()
-        except OSError:
-            return "missing"
-        stamp = [stat.st_size, stat.st_mtime_ns]
-        entry = self.known.get(str(path.resolve()))
-        if self.verify or entry is None or entry[:2] != stamp:
-            entry = [*stamp, _hash(path)]
-            self.known[str(path.resolve())] = entry
+            stamp = _stamp(path)
+            entry = self.known.get(str(path.resolve()))
+            if self.verify or entry is None or entry[:2] != stamp:
+                entry = [*stamp, atomic.content_hash(path)]
+                self.known[str(path.resolve())] = entry
+        except OSError as error:
+            raise InputError(f"{path}: cannot be read: {error.strerror}") from error
         return str(entry[2])
+
+    def size_of(self, path: Path) -> int:
+        """Size of a file when it was hashed [bytes]."""
+        return int(self.known[str(path.resolve())][0])
+
+    def refuse_changed(self, path: Path) -> None:
+        """Raises InputError if the file is no longer the one that was hashed."""
+        try:
+            same = self.known[str(path.resolve())][:2] == _stamp(path)
+        except OSError as error:
+            raise InputError(f"{path}: vanished during the run: {error.strerror}") from error
+        if not same:
+            raise InputError(f"{path}: changed during the run; run again to read it anew")
 
     def save(self) -> None:
         """Remember the hashes for the next run."""
-        write_text(self.store, json.dumps(self.known, indent=1, sort_keys=True))
+        atomic.write_text(self.store, json.dumps(self.known, indent=1, sort_keys=True))
 
 
-def _hash(path: Path) -> str:
-    with path.open("rb") as source:
-        return hashlib.file_digest(source, "sha256").hexdigest()[:16]
-
-
-def record_of(work: Path, stage: str, recording: int | None = None) -> Path:
-    """File that says that a stage has finished a recording (or, without one, its artefacts)."""
-    name = f"{stage}.json" if recording is None else f"{stage}/{recording:02d}.json"
-    return work / "parts" / name
-
-
-def finished(work: Path, stage: str, key: str, recording: int | None = None) -> JobReport | None:
-    """The report of finished work if it was made under that key; None if it has to be done."""
-    record = read_json(record_of(work, stage, recording))
-    if record.get("key") != key:
-        return None
-    problems = tuple(Problem(**problem) for problem in record.get("problems", []))
-    return JobReport(record.get("counts", {}), problems)
-
-
-def remember(work: Path, stage: str, key: str, report: JobReport, recording: int | None = None) -> None:
-    """Write down that work is finished: the last step of it."""
-    record = {"key": key, **asdict(report)}
-    write_text(record_of(work, stage, recording), json.dumps(record, indent=1, sort_keys=True))
+def _stamp(path: Path) -> list[int]:
+    stat = path.stat()
+    return [stat.st_size, stat.st_mtime_ns]

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from highd_lc.io import artefacts
+from highd_lc.io import artefacts, atomic
 from highd_lc.io.scenes import load_scenes
 from highd_lc.reporting.event import PAIRS, EventReport
 from highd_lc.reporting.figures_event import VECTOR_FORMATS, EventPainter, event_vector
@@ -205,8 +205,5 @@ def _overview_pages(work: Path, raw: bool) -> Iterator[tuple[str, str]]:
 
 
 def _write(path: Path, data: bytes) -> None:
-    """Write to a temporary name and rename: a page is whole or not there."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    temporary = path.with_name(f".{path.name}.tmp")
-    temporary.write_bytes(data)
-    temporary.replace(path)
+    """Write a page or picture, whole or not at all."""
+    atomic.write_bytes(path, data, durable=False)

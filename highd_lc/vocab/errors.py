@@ -31,6 +31,33 @@ class ArtefactError(HighdLcError):
     exit_code = 3
 
 
+class StorageError(HighdLcError):
+    """A folder given for results cannot be used: full, read-only, not permitted. Names the file and the reason."""
+
+    exit_code = 2
+
+
+class ClusterError(HighdLcError):
+    """The Dask cluster cannot be used: not reachable, other code, another file system, or lost."""
+
+    exit_code = 2
+
+
+class WorkerLostError(HighdLcError):
+    """The process that worked on something ended without a word, and again when it was tried anew."""
+
+
+class InterruptedRunError(HighdLcError):
+    """A signal ended the run; what was finished is kept. exit_code: 128 + number of the signal."""
+
+    def __init__(self, message: str, exit_code: int = 130) -> None:
+        super().__init__(message, exit_code)
+        self.exit_code = exit_code
+
+    def __str__(self) -> str:
+        return str(self.args[0])
+
+
 class ShapeError(HighdLcError):
     """Arrays handed to a function do not fit each other: names the array and its shape."""
 

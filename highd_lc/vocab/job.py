@@ -72,3 +72,32 @@ class ReportRequest:
     events: frozenset[str] | None = None
     pictures: frozenset[str] | None = None
     vector: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Options:
+    """Where a run reads and writes, and how it is carried out.
+
+    data: folder of the CSVs, None = recordings that are synthesized into the work folder; workers: local
+    processes; scheduler: address of a Dask scheduler instead; verify: hash inputs and finished files again;
+    strict: any bad recording ends the run; events: ids whose pages are wanted, none = all; vector: further
+    formats of the pictures.
+    """
+
+    data: Path | None
+    work: Path
+    reports: Path
+    workers: int = 2
+    scheduler: str | None = None
+    verify: bool = False
+    strict: bool = False
+    events: tuple[str, ...] = ()
+    vector: tuple[str, ...] = ()
+
+
+@dataclass
+class Outcome:
+    """What a run did: problems to list, counts by stage."""
+
+    problems: list[Problem] = field(default_factory=list)
+    counts: dict[str, dict[str, int]] = field(default_factory=dict)

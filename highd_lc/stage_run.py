@@ -1,0 +1,201 @@
+"""One stage over the recordings of a run: what is up to date, what has to be done, what failed."""
+
+import logging
+import traceback
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from functools import cached_property, partial
+
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+
+from highd_lc.execution import Execution
+from highd_lc.io import artefacts, atomic, workspace
+from highd_lc.io.atomic import Written
+from highd_lc.io.inputs import Inputs
+from highd_lc.io.records import Records
+from highd_lc.io.settings import digest
+from highd_lc.stages import calibrate, extract, ingest, report, validate
+from highd_lc.vocab.errors import ClusterError, HighdLcError, InputError, StorageError
+from highd_lc.vocab.job import Combination, Job, JobReport, Options, Outcome, Problem, Provenance, ReportRequest
+from highd_lc.vocab.settings import Section, Settings
+
+STAGES = ("ingest", "extract", "calibrate", "validate", "report")
+_JOINED = {"ingest": ("vehicles", "recordings"), "extract": ("crossings", "events", "event_tracks")}
+_FATAL = (StorageError, ClusterError)
+"""Errors that are not of one recording: the others would meet them too."""
+
+log = logging.getLogger("highd_lc")
+
+Done = tuple[JobReport, list[Written]]
+
+
+@dataclass(frozen=True)
+class StageRun:
+    """A stage of a run. keys: of each recording's input to it, which are those of the stages before."""
+
+    name: str
+    settings: Settings
+    options: Options
+    inputs: Inputs
+    keys: dict[int, str]
+
+    def bring_up_to_date(self, execution: Execution, outcome: Outcome, console: Console) -> dict[int, str]:
+        """Do what has to be done; the keys of the results by recording, without those that failed."""
+        reports = self._finished()
+        pending = [recording for recording in self.inputs.files if recording in self.keys.keys() - reports.keys()]
+        reports |= self._work(pending, execution, outcome, console)
+        self._drop_failed(reports)
+        finished = {r: self._key(r) for r in self.keys if r in reports}
+        outcome.problems += [problem for r in finished for problem in reports[r].problems]
+        self._require(finished, outcome)
+        together = digest(*finished.values(), self.name)
+        combined = None if pending else self._records.finished(self.name, together)
+        if combined is None:
+            combined = self._combine_anew(tuple(sorted(finished)), together)
+        outcome.counts[self.name] = _totals([*reports.values(), combined])
+        # What follows a combination depends on all recordings (class pools), not only on its own.
+        everybody = self.name == "calibrate"
+        return {r: digest(key, together) if everybody else key for r, key in finished.items()}
+
+    @property
+    def _records(self) -> Records:
+        return Records(self.options.work, self.options.verify)
+
+    def _finished(self) -> dict[int, JobReport]:
+        found = {r: self._records.finished(self.name, self._key(r), r) for r in self.keys}
+        return {recording: done for recording, done in found.items() if done is not None}
+
+    def _work(
+        self, pending: list[int], execution: Execution, outcome: Outcome, console: Console
+    ) -> dict[int, JobReport]:
+        """Run the pending recordings; those that fail are listed, the others go on."""
+        reports: dict[int, JobReport] = {}
+        failed: list[Problem] = []
+        with _progress(console) as progress:
+            done = len(self.keys) - len(pending)
+            bar = progress.add_task(self.name, total=len(self.keys), completed=done)
+            for recording, result in execution.results({r: self._call(r) for r in pending}):
+                try:
+                    reports[recording] = self._remember(recording, *result())
+                except _FATAL:
+                    raise
+                except HighdLcError as error:
+                    failed.append(Problem(recording, self.name, str(error)))
+                except Exception as error:
+                    log.debug(traceback.format_exc())
+                    text = f"recording {recording:02d}: {type(error).__name__}: {error}"
+                    failed.append(Problem(recording, self.name, " ".join(text.split())))
+                progress.advance(bar)
+        outcome.problems += sorted(failed, key=lambda problem: problem.recording)
+        return dict(sorted(reports.items()))
+
+    def _call(self, recording: int) -> Callable[[], Done]:
+        """The work on a recording, to be carried out wherever. Its record goes first: see ``io.records``."""
+        self._records.forget(self.name, recording)
+        inputs = {f"{recording:02d}": self.keys[recording]}
+        data, work = self.inputs.data, self.options.work
+        job = Job(recording, data, work, self.settings, self._provenance(inputs))
+        return partial(_execute, self.name, job, self._request)
+
+    def _remember(self, recording: int, report: JobReport, files: list[Written]) -> JobReport:
+        if self.name == "ingest":
+            self.inputs.refuse_changed(recording)
+        key = self._key(recording)
+        self._records.remember(self.name, key, report=report, files=files, recording=recording)
+        return report
+
+    def _drop_failed(self, reports: dict[int, JobReport]) -> None:
+        """What was made of a recording before it failed is of other inputs or settings."""
+        for recording in self.keys.keys() - reports.keys():
+            workspace.drop_recording(self.options.work, recording, STAGES[STAGES.index(self.name) :])
+
+    def _require(self, finished: dict[int, str], outcome: Outcome) -> None:
+        failed = [p for p in outcome.problems if p.recording not in finished]
+        if finished and not (self.options.strict and failed):
+            return
+        first = failed[0].message if failed else "no recording"
+        more = f" (and {len(failed) - 1} more)" if len(failed) > 1 else ""
+        raise InputError(f"{first}{more}")
+
+    def _combine_anew(self, recordings: tuple[int, ...], together: str) -> JobReport:
+        self._records.forget(self.name)
+        with atomic.collected() as files:
+            report = self._combine(recordings)
+        self._records.remember(self.name, together, report=report, files=files)
+        return report
+
+    def _combine(self, recordings: tuple[int, ...]) -> JobReport:
+        inputs = {f"{r:02d}": self.keys[r] for r in recordings}
+        combination = Combination(recordings, self.options.work, self.settings, self._provenance(inputs))
+        if self._request is not None:
+            return report.combine(combination, request=self._request)
+        if self.name in _JOINED:
+            counts = {
+                name: artefacts.concatenate(self.options.work, self.name, name, recordings, combination.provenance)
+                for name in _JOINED[self.name]
+            }
+            return JobReport(counts)
+        return {"calibrate": calibrate, "validate": validate}[self.name].combine(combination)
+
+    def _key(self, recording: int) -> str:
+        """What the stage's work on a recording depends on."""
+        return digest(self.keys[recording], self.name, workspace.code_version(), *self._dependencies)
+
+    @cached_property
+    def _dependencies(self) -> list[Section | int | str]:
+        """Settings that the stage reads, beyond those that its inputs were made with."""
+        s = self.settings
+        if self._request is not None:
+            pictures = "all" if self._request.pictures is None else digest(*sorted(self._request.pictures))
+            place = str(self.options.reports.resolve())
+            return [s.report, place, pictures, *self.options.events, *self.options.vector]
+        sections: dict[str, list[Section | int | str]] = {
+            "ingest": [s.ingest],
+            "extract": [s.extract, s.ingest],
+            "calibrate": [s.calibrate, s.seed],
+            "validate": [s.validation, s.seed],
+        }
+        return sections[self.name]
+
+    @cached_property
+    def _request(self) -> ReportRequest | None:
+        """What of a report is wanted, which depends on the results of all recordings."""
+        if self.name != "report":
+            return None
+        o = self.options
+        return report.choose(o.work, self.settings.report, reports=o.reports, events=o.events, vector=o.vector)
+
+    def _provenance(self, inputs: dict[str, str]) -> Provenance:
+        """What the stage's artefacts carry: settings of later stages are not of their making."""
+        s = self.settings
+        sections = (s.ingest, s.extract, s.calibrate, s.validation, s.report)
+        used = digest(*sections[: STAGES.index(self.name) + 1])
+        return Provenance(used, inputs, s.seed, workspace.code_version())
+
+
+def _execute(stage: str, job: Job, request: ReportRequest | None) -> Done:
+    """One stage on one recording, in whatever process: its report, and the files that it wrote."""
+    modules = {"ingest": ingest, "extract": extract, "calibrate": calibrate, "validate": validate}
+    with atomic.collected() as files:
+        done = modules[stage].run(job) if request is None else report.run(job, request=request)
+    return done, files
+
+
+def _totals(reports: Iterable[JobReport]) -> dict[str, int]:
+    totals: dict[str, int] = {}
+    for report_ in reports:
+        for name, count in report_.counts.items():
+            totals[name] = totals.get(name, 0) + count
+    return totals
+
+
+def _progress(console: Console) -> Progress:
+    return Progress(
+        TextColumn("{task.description:<10}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TextColumn("recordings"),
+        TimeElapsedColumn(),
+        console=console,
+    )
