@@ -19,7 +19,8 @@ from highd_lc.algorithms.genetic import GeneticAlgorithm
 from highd_lc.algorithms.genetic_pymoo import PymooGeneticAlgorithm, minimise_with_pymoo
 from highd_lc.algorithms.least_squares import STARTS, descend
 from highd_lc.algorithms.screening import Screening, screen
-from highd_lc.core.car_following import TIME_STEP, FitProblem, objectives_of
+from highd_lc.core.car_following import objectives_of
+from highd_lc.core.car_following_kernel import TIME_STEP, FitProblem
 from highd_lc.vocab.settings import CalibrateSettings
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "algorithms"))

@@ -13,15 +13,8 @@ from highd_lc.algorithms.least_squares import STARTS, descend
 from highd_lc.algorithms.optimisation import Optimiser, Optimum
 from highd_lc.algorithms.prior import Prior, penalised
 from highd_lc.algorithms.screening import Screening, screen
-from highd_lc.core.car_following import (
-    TIME_STEP,
-    FitProblem,
-    FollowingTrack,
-    fit_problem,
-    objectives_of,
-    open_loop_objective,
-    simulate,
-)
+from highd_lc.core.car_following import FollowingTrack, fit_problem, objectives_of, open_loop_objective, simulate
+from highd_lc.core.car_following_kernel import TIME_STEP, FitProblem
 from highd_lc.vocab.lcm_parameters import LOWER_BOUNDS, PARAMETERS, UPPER_BOUNDS
 from highd_lc.vocab.settings import CalibrateSettings
 

@@ -5,7 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from highd_lc.core.car_following import TIME_STEP, FollowingTrack
+from highd_lc.core.car_following import FollowingTrack
+from highd_lc.core.car_following_kernel import TIME_STEP
 from highd_lc.core.resampling import resample
 
 FloatArray = NDArray[np.float64]

@@ -1,186 +1,20 @@
-"""The paper's genetic algorithm, compiled whole.
+"""The paper's genetic algorithm, compiled whole: breeding, evaluation, survival of the best.
 
-Real-coded and elitist: binary tournaments over random permutations, simulated binary crossover (SBX, Deb and
-Agrawal 1995, bounded), polynomial mutation (Deb and Goyal 1996), copies of a parent are bred again, and the best
-of parents and children survive. The operators are those of pymoo's GA (``algorithms.genetic_pymoo``), the
-reference that this one is tested against.
+Real-coded and elitist (SPEC section 9); its reference is the GA of pymoo (``algorithms.genetic_pymoo``).
 """
 
-import math
 from dataclasses import dataclass
-from typing import Final
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from highd_lc.algorithms.genetic_operators import PAIR_ROWS, PAIRS, Stream, breed
 from highd_lc.algorithms.optimisation import Optimum
-from highd_lc.core.car_following import FitProblem, evaluate_population, new_scratch
-from highd_lc.core.random_stream import fill_uniform, new_stream, next_uniform
+from highd_lc.core.car_following_kernel import FitProblem, evaluate_population, new_scratch
+from highd_lc.core.random_stream import new_stream
 
 FloatArray = NDArray[np.float64]
-IntArray = NDArray[np.int64]
-Stream = NDArray[np.uint64]
-
-ETA_CROSSOVER: Final = 15.0
-"""Distribution index of SBX (SPEC section 9)."""
-ETA_MUTATION: Final = 20.0
-"""Distribution index of the polynomial mutation (SPEC section 9)."""
-# Each variable of a crossed pair is exchanged with this probability; parents closer than this are not crossed.
-_CROSSED_SHARE = 0.5
-_TOO_CLOSE = 1e-14
-# Pairs bred at once, and the rows of a variable in the flat array that holds them: the two parents, then
-# children; a uniform that decides whether and how they are crossed; the uniform of the spread factor.
-PAIRS: Final = 128
-# A population that cannot vary any more (no crossover, no mutation) keeps copies after half of these batches.
-_MOST_BATCHES = 200
-_FIRST, _SECOND, _LOT, _SPREAD = range(4)
-_ROWS = 4
-
-
-@njit(inline="always")
-def spread_factor(reach: float, u: float) -> float:
-    """SBX spread factor for a uniform u when the bound lies reach half-distances away (bounded form).
-
-    (u alpha)^(1/16) or (1 / (2 - u alpha))^(1/16), alpha = 2 - reach^-16: powers of eta + 1 = 16 are squarings
-    and roots, which vectorise.
-    """
-    reach_4 = (reach * reach) * (reach * reach)
-    reach_16 = (reach_4 * reach_4) * (reach_4 * reach_4)
-    value = u * (2.0 - 1.0 / reach_16)
-    value = value if value <= 1.0 else 1.0 / (2.0 - value)
-    return math.sqrt(math.sqrt(math.sqrt(math.sqrt(value))))
-
-
-@njit(cache=True, nogil=True)
-def mutated(x: float, lower: float, upper: float, u: float) -> float:
-    """Polynomial mutation of a variable within its bounds for a uniform u."""
-    width = upper - lower
-    if u <= 0.5:
-        room = 1.0 - (x - lower) / width
-        value = 2.0 * u + (1.0 - 2.0 * u) * room ** (ETA_MUTATION + 1.0)
-        shift = value ** (1.0 / (ETA_MUTATION + 1.0)) - 1.0
-    else:
-        room = 1.0 - (upper - x) / width
-        value = 2.0 * (1.0 - u) + 2.0 * (u - 0.5) * room ** (ETA_MUTATION + 1.0)
-        shift = 1.0 - value ** (1.0 / (ETA_MUTATION + 1.0))
-    return float(min(max(x + shift * width, lower), upper))
-
-
-@njit(cache=True, nogil=True)
-def _shuffle(order: IntArray, stream: Stream) -> None:
-    """Fisher-Yates."""
-    for i in range(len(order) - 1, 0, -1):
-        j = int(next_uniform(stream) * (i + 1))
-        order[i], order[j] = order[j], order[i]
-
-
-@njit(cache=True, nogil=True)
-def _winner(a: int, b: int, objectives: FloatArray) -> int:
-    """Binary tournament between two of a random permutation: between equals the first wins."""
-    return a if objectives[a] <= objectives[b] else b
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _cross(width: int, lower: float, upper: float, pairs: FloatArray) -> None:
-    """SBX of one variable of the pairs whose lot is below the share; its half decides who gets which value.
-
-    pairs: the rows of that variable, flat.
-    """
-    for i in range(width):
-        x1, x2 = pairs[_FIRST * PAIRS + i], pairs[_SECOND * PAIRS + i]
-        u, lot = pairs[_SPREAD * PAIRS + i], pairs[_LOT * PAIRS + i]
-        low, high = min(x1, x2), max(x1, x2)
-        distance = high - low
-        near = low + high - distance * spread_factor(1.0 + 2.0 * (low - lower) / distance, u)
-        far = low + high + distance * spread_factor(1.0 + 2.0 * (upper - high) / distance, u)
-        near, far = max(0.5 * near, lower), min(0.5 * far, upper)
-        crossed = (lot < _CROSSED_SHARE) & (distance > _TOO_CLOSE)
-        swapped = lot < 0.5 * _CROSSED_SHARE
-        pairs[_FIRST * PAIRS + i] = (far if swapped else near) if crossed else x1
-        pairs[_SECOND * PAIRS + i] = (near if swapped else far) if crossed else x2
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _mutate(problem: FitProblem, width: int, probability: float, stream: Stream, pairs: FloatArray) -> None:
-    """Mutate each variable of both children of the pairs with the given probability.
-
-    The gaps between mutated variables are drawn (geometric), not a number for every variable.
-    """
-    if probability <= 0.0:
-        return
-    scale = 1.0 / math.log1p(-probability) if probability < 1.0 else 0.0
-    place = -1
-    while True:
-        place += 1 + int(min(math.log(1.0 - next_uniform(stream)) * scale, 1e9))
-        if place >= 12 * width:
-            return
-        j, child, i = place // (2 * width), place // width % 2, place % width
-        i += child * PAIRS
-        pairs[j, i] = mutated(pairs[j, i], problem.lower[j], problem.upper[j], next_uniform(stream))
-
-
-@njit(cache=True, nogil=True)
-def _keep(
-    pairs: FloatArray,
-    width: int,
-    mates: IntArray,
-    parents: FloatArray,
-    children: FloatArray,
-    n: int,
-    copies: bool,
-) -> int:
-    """Append the children that differ from their parent (copies: all) to the n kept so far; returns the new n.
-
-    Without a branch on what is random: a copy is written all the same, and overwritten by the next child.
-    """
-    for child in range(2):
-        for i in range(min(width, children.shape[1] - n)):
-            parent, changed = mates[2 * i + child], copies
-            for j in range(6):
-                value = pairs[j, child * PAIRS + i]
-                children[j, n] = value
-                changed |= value != parents[j, parent]
-            n += int(changed)
-    return n
-
-
-@njit(cache=True, nogil=True)
-def _breed(
-    problem: FitProblem,
-    parents: FloatArray,
-    objectives: FloatArray,
-    probabilities: tuple[float, float],
-    stream: Stream,
-    pairs: FloatArray,
-    children: FloatArray,
-) -> None:
-    """Fill children (6, n) with offspring of tournament winners that differ from their parents."""
-    n, kept, position = children.shape[1], 0, children.shape[1]
-    order, mates, lots = np.arange(n), np.empty(2 * PAIRS, np.int64), np.empty(PAIRS)
-    for attempt in range(_MOST_BATCHES):
-        if kept == n:
-            return
-        width = min(PAIRS, (n - kept + 1) // 2)
-        for i in range(2 * width):
-            if position + 2 > n:
-                _shuffle(order, stream)
-                position = 0
-            mates[i] = _winner(int(order[position]), int(order[position + 1]), objectives)
-            position += 2
-        fill_uniform(stream, lots, 0, width)
-        for j in range(6):
-            row = pairs[j]
-            fill_uniform(stream, row, _LOT * PAIRS, width)
-            fill_uniform(stream, row, _SPREAD * PAIRS, width)
-            for i in range(width):
-                row[_FIRST * PAIRS + i] = parents[j, mates[2 * i]]
-                row[_SECOND * PAIRS + i] = parents[j, mates[2 * i + 1]]
-                if lots[i] >= probabilities[0]:
-                    row[_LOT * PAIRS + i] = 1.0
-            _cross(width, problem.lower[j], problem.upper[j], row)
-        _mutate(problem, width, probabilities[1], stream, pairs)
-        kept = _keep(pairs, width, mates, parents, children, kept, attempt >= _MOST_BATCHES // 2)
 
 
 @njit(cache=True, nogil=True)
@@ -252,10 +86,10 @@ def _evolve(
     """Run the GA on the initial population parents (6, n), in place; returns the objectives (n,)."""
     n = parents.shape[1]
     objectives, child_objectives, pool = np.empty(n), np.empty(n), np.empty(2 * n)
-    children, pairs = np.empty((6, n)), np.empty((6, _ROWS * PAIRS))
+    children, pairs = np.empty((6, n)), np.empty((6, PAIR_ROWS * PAIRS))
     evaluate_population(problem, parents, scratch, states, objectives)
     for _ in range(generations - 1):
-        _breed(problem, parents, objectives, probabilities, stream, pairs, children)
+        breed(problem, parents, objectives, probabilities, stream, pairs, children)
         evaluate_population(problem, children, scratch, states, child_objectives)
         _survive(parents, objectives, children, child_objectives, pool)
     return objectives

@@ -6,9 +6,10 @@ from typing import Any
 
 import numpy as np
 
-from highd_lc.algorithms.genetic import ETA_CROSSOVER, ETA_MUTATION
+from highd_lc.algorithms.genetic_operators import ETA_CROSSOVER, ETA_MUTATION
 from highd_lc.algorithms.optimisation import FloatArray, Optimum
-from highd_lc.core.car_following import FitProblem, objectives_of
+from highd_lc.core.car_following import objectives_of
+from highd_lc.core.car_following_kernel import FitProblem
 
 Objective = Callable[[FitProblem, FloatArray], FloatArray]
 
@@ -27,7 +28,7 @@ class PymooGeneticAlgorithm:
         return minimise_with_pymoo(problem, self, rng, lambda p, x: objectives_of(p, x.T))
 
     def algorithm(self) -> Any:
-        """pymoo's GA with the operators of ``algorithms.genetic``."""
+        """pymoo's GA with the operators of ``algorithms.genetic_operators``."""
         from pymoo.algorithms.soo.nonconvex.ga import GA
         from pymoo.operators.crossover.sbx import SBX
         from pymoo.operators.mutation.pm import PM

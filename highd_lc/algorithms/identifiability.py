@@ -15,7 +15,8 @@ from highd_lc.algorithms.calibration import pose
 from highd_lc.algorithms.genetic import GeneticAlgorithm
 from highd_lc.algorithms.least_squares import STARTS, curvature, descend
 from highd_lc.algorithms.screening import screen
-from highd_lc.core.car_following import FitProblem, FollowingTrack
+from highd_lc.core.car_following import FollowingTrack
+from highd_lc.core.car_following_kernel import FitProblem
 from highd_lc.vocab.fit_tables import BELIEVED, NOT_IDENTIFIABLE, WEAK
 from highd_lc.vocab.lcm_parameters import PARAMETERS
 from highd_lc.vocab.settings import CalibrateSettings

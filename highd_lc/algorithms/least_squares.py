@@ -13,7 +13,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from highd_lc.core.car_following import (
+from highd_lc.core.car_following_kernel import (
     ACCELERATION_FLOOR,
     ERROR_1,
     LANES,

@@ -6,7 +6,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from highd_lc.core.car_following import FitProblem
+from highd_lc.core.car_following_kernel import FitProblem
 
 FloatArray = NDArray[np.float64]
 

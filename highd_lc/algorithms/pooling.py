@@ -16,7 +16,8 @@ from highd_lc.algorithms.calibration import pose
 from highd_lc.algorithms.least_squares import descend
 from highd_lc.algorithms.prior import Prior, penalised, pool_of
 from highd_lc.algorithms.screening import screen
-from highd_lc.core.car_following import FitProblem, FollowingTrack, objectives_of
+from highd_lc.core.car_following import FollowingTrack, objectives_of
+from highd_lc.core.car_following_kernel import FitProblem
 from highd_lc.vocab.settings import CalibrateSettings
 
 FloatArray = NDArray[np.float64]

@@ -6,7 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from highd_lc.core.car_following import FitProblem, objectives_of
+from highd_lc.core.car_following import objectives_of
+from highd_lc.core.car_following_kernel import FitProblem
 from highd_lc.vocab.lcm_parameters import LOWER_BOUNDS, UPPER_BOUNDS
 
 FloatArray = NDArray[np.float64]

@@ -8,7 +8,8 @@ from numpy.typing import NDArray
 from highd_lc.algorithms.least_squares import STARTS, descend
 from highd_lc.algorithms.optimisation import Optimum
 from highd_lc.algorithms.sobol import sobol
-from highd_lc.core.car_following import FitProblem, objectives_of
+from highd_lc.core.car_following import objectives_of
+from highd_lc.core.car_following_kernel import FitProblem
 
 FloatArray = NDArray[np.float64]
 

@@ -5,7 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from highd_lc.core.car_following import TIME_STEP, FollowingTrack, simulate
+from highd_lc.core.car_following import FollowingTrack, simulate
+from highd_lc.core.car_following_kernel import TIME_STEP
 from highd_lc.core.lcm import equilibrium_spacing
 from highd_lc.vocab.lcm_parameters import TABLE3_MEANS
 

@@ -10,9 +10,11 @@ from pymoo.operators.mutation.pm import mut_pm
 from scipy.stats import ks_2samp, mannwhitneyu
 
 from highd_lc.algorithms import genetic
-from highd_lc.algorithms.genetic import PAIRS, GeneticAlgorithm, mutated, spread_factor
+from highd_lc.algorithms.genetic import GeneticAlgorithm
+from highd_lc.algorithms.genetic_operators import PAIRS, breed, cross, mutate, mutated, spread_factor
 from highd_lc.algorithms.genetic_pymoo import PymooGeneticAlgorithm
-from highd_lc.core.car_following import fit_problem, new_scratch, objectives_of
+from highd_lc.core.car_following import fit_problem, objectives_of
+from highd_lc.core.car_following_kernel import new_scratch
 from highd_lc.core.random_stream import new_stream
 from highd_lc.vocab.lcm_parameters import LOWER_BOUNDS, UPPER_BOUNDS
 
@@ -57,7 +59,7 @@ def test_crossover_has_pymoos_distribution():
     pairs, ours = np.empty(4 * PAIRS), []
     for _ in range(rounds):
         pairs[:PAIRS], pairs[PAIRS : 2 * PAIRS], pairs[2 * PAIRS :] = 3.0, 4.5, rng.random(2 * PAIRS)
-        genetic._cross(PAIRS, 2.0, 10.0, pairs)
+        cross(PAIRS, 2.0, 10.0, pairs)
         ours.append(pairs[:PAIRS].copy())
     parents = np.repeat([[[3.0]], [[4.5]]], rounds * PAIRS, axis=1)
     eta, share = np.full((rounds * PAIRS, 1), 15.0), np.full((rounds * PAIRS, 1), 0.5)
@@ -73,7 +75,7 @@ def test_mutation_probability_is_a_variables():
     problem, n = problem_of(0), 0
     for round_ in range(200):
         pairs = np.full((6, 4 * PAIRS), 6.0)
-        genetic._mutate(problem, PAIRS, 0.05, new_stream(np.random.default_rng(round_)), pairs)
+        mutate(problem, PAIRS, 0.05, new_stream(np.random.default_rng(round_)), pairs)
         assert (pairs[:, 2 * PAIRS :] == 6.0).all()
         n += np.sum(pairs != 6.0)
     # binomial: standard deviation of the share is 0.0004
@@ -85,7 +87,7 @@ def test_children_are_within_bounds_and_no_copies(n):
     rng, problem = np.random.default_rng(n), problem_of(0)
     parents, children = random_population(rng, n), np.empty((6, n))
     pairs = np.empty((6, 4 * PAIRS))
-    genetic._breed(problem, parents, rng.random(n), (0.95, 0.05), new_stream(rng), pairs, children)
+    breed(problem, parents, rng.random(n), (0.95, 0.05), new_stream(rng), pairs, children)
     assert (children >= LOWER[:, None]).all()
     assert (children <= UPPER[:, None]).all()
     same = (children[:, :, None] == parents[:, None, :]).all(axis=0)
@@ -147,7 +149,7 @@ def test_parents_are_winners_of_two_tournaments_each():
     n, rng = 100, np.random.default_rng(0)
     parents, children = random_population(rng, n), np.empty((6, n))
     pairs = np.empty((6, 4 * PAIRS))
-    genetic._breed(problem_of(0), parents, np.arange(n) * 1.0, (0.0, 0.0), new_stream(rng), pairs, children)
+    breed(problem_of(0), parents, np.arange(n) * 1.0, (0.0, 0.0), new_stream(rng), pairs, children)
     wins = [(children == parents[:, i : i + 1]).all(axis=0).sum() for i in range(n)]
     assert sum(wins) == n
     assert max(wins) == wins[0] == 2
