@@ -38,7 +38,7 @@ class FitProblem(NamedTuple):
 
     track: rows of ``core.car_following.FollowingTrack.as_array``, shape (5, K). open_loop: the paper's objective
     instead of the closed loop. delayed: the command is applied tau later (equation 10 as printed). weights:
-    reciprocals of sum s^2, sum v^2 and sum |a_obs|, shape (3,). lower, upper: bounds of the parameters, shape (6,).
+    reciprocals of sum s^2, sum v^2 and sum |a_obs|, shape (3,). lower, upper: bounds of parameters, shape (6,).
     A penalty sum_j strength_j (p_j - centre_j)^2 is added to the objective; centre, strength: shape (6,).
     """
 
