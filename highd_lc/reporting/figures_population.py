@@ -6,13 +6,13 @@ from typing import Final
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
-from matplotlib.colors import TwoSlopeNorm
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
 from highd_lc.reporting import labels
 from highd_lc.reporting.drawing import INK, LINE, QUIET
+from highd_lc.reporting.plain_axes import LEGEND, SIZE, panels
 from highd_lc.vocab import names
 from highd_lc.vocab.lcm_parameters import PARAMETERS, UNITS
 
@@ -20,10 +20,9 @@ FloatArray = NDArray[np.float64]
 
 ALL: Final = "all"
 """The stratum of ``validation_matrix`` that holds every event."""
-_SIZE: Final = 8.5
 _LOCAL: Final = labels.POLICIES[names.LOCAL_OPTIMUM].light
 _BENCHMARK: Final = labels.POLICIES[names.BENCHMARK].light
-_CELL_COLOURS: Final = {names.FIXED: "#0072B2", names.FREE: "#D55E00"}
+CELL_COLOURS: Final = {names.FIXED: "#0072B2", names.FREE: "#D55E00"}
 
 
 def matrix_figure(matrix: pd.DataFrame) -> Figure:
@@ -32,23 +31,23 @@ def matrix_figure(matrix: pd.DataFrame) -> Figure:
     matrix: rows of ``validation_matrix``.
     """
     rows = matrix[matrix["stratum"] == ALL].iloc[::-1]
-    figure, axes = _figure(7.6, 0.9 + 0.42 * max(len(rows), 1))
+    figure, axes = _single(7.6, 0.9 + 0.42 * max(len(rows), 1))
     y = np.arange(len(rows))
-    _interval(axes, y, rows, [_CELL_COLOURS[form] for form in rows["form"]])
+    _interval(axes, y, rows, [CELL_COLOURS[form] for form in rows["form"]])
     axes.plot(100 * rows["gain_av"], y, "|", color=QUIET, ms=9, mew=1.6, label="AV alone")
     axes.plot(100 * rows["gain_hv"], y, "x", color=QUIET, ms=6, mew=1.4, label="followers alone")
     axes.set_yticks(y, [_cell_label(row) for row in rows.itertuples(index=False)])
     _gain_axis(axes)
-    axes.legend(loc="upper left", bbox_to_anchor=(0, -0.32 if len(rows) < 4 else -0.2), ncols=2, **_LEGEND)
+    axes.legend(loc="upper left", bbox_to_anchor=(0, -0.32 if len(rows) < 4 else -0.2), ncols=2, **LEGEND)
     return figure
 
 
 def strata_figure(matrix: pd.DataFrame, *, form: str, accounting: str) -> Figure:
     """Gain in each stratum of one form and accounting, with its interval and number of events."""
     rows = matrix[(matrix["form"] == form) & (matrix["accounting"] == accounting)].iloc[::-1]
-    figure, axes = _figure(7.6, 0.9 + 0.27 * max(len(rows), 1))
+    figure, axes = _single(7.6, 0.9 + 0.27 * max(len(rows), 1))
     y = np.arange(len(rows))
-    _interval(axes, y, rows, [_CELL_COLOURS[form]] * len(rows))
+    _interval(axes, y, rows, [CELL_COLOURS[form]] * len(rows))
     texts = [f"{row.stratum.replace('_', ' ')}  (n = {row.n_events})" for row in rows.itertuples(index=False)]
     axes.set_yticks(y, texts)
     _gain_axis(axes)
@@ -69,82 +68,38 @@ def _interval(axes: Axes, y: FloatArray, rows: pd.DataFrame, colours: Sequence[s
 
 def _gain_axis(axes: Axes) -> None:
     axes.axvline(0, color=INK, lw=0.8)
-    axes.set_xlabel("gain of the local optimum over the benchmark [%]", color=QUIET, fontsize=_SIZE)
+    axes.set_xlabel("gain of the local optimum over the benchmark [%]", color=QUIET, fontsize=SIZE)
     axes.grid(axis="x", color=LINE, lw=0.5)
     axes.margins(y=0.08)
 
 
 def gain_distribution(gains: Mapping[str, FloatArray]) -> Figure:
     """Share of events with at most a given gain, one curve a form. gains: by form, NaN where undefined."""
-    figure, axes = _figure(5.2, 3.1)
+    figure, axes = _single(5.2, 3.1)
     for form, values in gains.items():
         known = np.sort(100 * values[np.isfinite(values)])
         if known.size:
             share = 100 * np.arange(1, known.size + 1) / known.size
             style = "-" if form == names.FIXED else "--"
             axes.step(
-                known, share, style, where="post", color=_CELL_COLOURS[form], lw=1.6, label=labels.FORMS[form]
+                known, share, style, where="post", color=CELL_COLOURS[form], lw=1.6, label=labels.FORMS[form]
             )
     axes.axvline(0, color=INK, lw=0.8)
-    axes.set_xlabel("gain of an event [%]", color=QUIET, fontsize=_SIZE)
-    axes.set_ylabel("share of events with at most that gain [%]", color=QUIET, fontsize=_SIZE)
+    axes.set_xlabel("gain of an event [%]", color=QUIET, fontsize=SIZE)
+    axes.set_ylabel("share of events with at most that gain [%]", color=QUIET, fontsize=SIZE)
     axes.set_ylim(0, 100)
     axes.grid(color=LINE, lw=0.5)
     if axes.get_legend_handles_labels()[0]:
-        axes.legend(**_LEGEND)
+        axes.legend(**LEGEND)
     return figure
-
-
-def gain_map(spacing: FloatArray, difference: FloatArray, local: FloatArray, benchmark: FloatArray) -> Figure:
-    """Gain over spacing [m] and speed difference [m/s] of HV 1 at the start: tiles, and every event as a dot.
-
-    A tile's gain is 1 - ratio of sums over its events; tiles with fewer than three events stay empty.
-    """
-    figure, axes = _figure(5.6, 3.6)
-    known = np.isfinite(spacing) & np.isfinite(difference) & np.isfinite(local) & np.isfinite(benchmark)
-    spacing, difference, local, benchmark = (v[known] for v in (spacing, difference, local, benchmark))
-    axes.set_xlabel("spacing of HV 1 behind the AV at the start [m]", color=QUIET, fontsize=_SIZE)
-    axes.set_ylabel("speed of HV 1 minus that of the AV [m/s]", color=QUIET, fontsize=_SIZE)
-    if not spacing.size:
-        axes.text(0.5, 0.5, "no event with both plans", transform=axes.transAxes, ha="center", color=QUIET)
-        return figure
-    edges = _edges(spacing, 10.0), _edges(difference, 1.0)
-    gain = _tile_gain((spacing, difference), edges, local, benchmark)
-    largest = max(float(np.quantile(np.abs(100.0 * (1.0 - local / benchmark)), 0.95)), 0.1)
-    norm = TwoSlopeNorm(0.0, -largest, largest)
-    tiles = axes.pcolormesh(*edges, gain.T, cmap="PuOr", norm=norm, edgecolors="none")
-    single = 100.0 * (1.0 - local / benchmark)
-    axes.scatter(spacing, difference, 14, single, cmap="PuOr", norm=norm, edgecolors=INK, linewidths=0.5)
-    bar = figure.colorbar(tiles, ax=axes, pad=0.02)
-    bar.set_label("gain [%]", color=QUIET, fontsize=_SIZE)
-    bar.ax.tick_params(labelsize=_SIZE, colors=QUIET)
-    bar.outline.set_visible(False)
-    return figure
-
-
-def _edges(values: FloatArray, width: float) -> FloatArray:
-    return np.arange(np.floor(values.min() / width), np.ceil(values.max() / width) + 1.5) * width
-
-
-def _tile_gain(
-    at: tuple[FloatArray, FloatArray],
-    edges: tuple[FloatArray, FloatArray],
-    local: FloatArray,
-    benchmark: FloatArray,
-) -> FloatArray:
-    count, _, _ = np.histogram2d(*at, bins=edges)
-    sums = [np.histogram2d(*at, bins=edges, weights=weights)[0] for weights in (local, benchmark)]
-    with np.errstate(invalid="ignore", divide="ignore"):
-        return np.where(count >= 3, 100.0 * (1.0 - sums[0] / sums[1]), np.nan)
 
 
 def table3_figure(summary: pd.DataFrame) -> Figure:
     """Quantiles and mean of each LCM parameter, ours beside the published ones. summary: ``summary_lcm``, all."""
-    figure = Figure(figsize=(9.4, 1.9), facecolor="white", layout="constrained")
+    figure, grid = panels(9.4, 1.9, columns=len(PARAMETERS))
     rows = summary.set_index("quantity")
-    for axes, name in zip(figure.subplots(1, len(PARAMETERS)), PARAMETERS, strict=True):
-        _dress(axes)
-        axes.set_title(f"{name} [{UNITS[name]}]", fontsize=_SIZE, color=INK, loc="left")
+    for axes, name in zip(grid[0], PARAMETERS, strict=True):
+        axes.set_title(f"{name} [{UNITS[name]}]", fontsize=SIZE, color=INK, loc="left")
         if name in rows.index:
             _quartiles(axes, 1, rows.loc[name], "", _LOCAL)
             _quartiles(axes, 0, rows.loc[name], "paper_", QUIET)
@@ -165,54 +120,38 @@ def _quartiles(axes: Axes, y: float, row: pd.Series, prefix: str, colour: str) -
 
 def parameters_figure(followers: pd.DataFrame) -> Figure:
     """Distribution of each fitted LCM parameter. followers: rows of ``followers`` with status "fitted"."""
-    figure = Figure(figsize=(9.4, 1.9), facecolor="white", layout="constrained")
-    for axes, name in zip(figure.subplots(1, len(PARAMETERS)), PARAMETERS, strict=True):
-        _dress(axes)
-        axes.set_title(f"{name} [{UNITS[name]}]", fontsize=_SIZE, color=INK, loc="left")
+    figure, grid = panels(9.4, 1.9, columns=len(PARAMETERS))
+    for axes, name in zip(grid[0], PARAMETERS, strict=True):
+        axes.set_title(f"{name} [{UNITS[name]}]", fontsize=SIZE, color=INK, loc="left")
         if len(followers):
             axes.hist(followers[name], bins=24, color=_LOCAL, alpha=0.8)
         axes.yaxis.set_major_locator(MaxNLocator(3, integer=True))
         axes.xaxis.set_major_locator(MaxNLocator(4))
-    figure.supylabel("followers", fontsize=_SIZE, color=QUIET)
+    figure.supylabel("followers", fontsize=SIZE, color=QUIET)
     return figure
 
 
 def loss_bars(losses: pd.DataFrame) -> Figure:
     """Mean loss of each policy, AV and followers, one panel an accounting. losses: rows of ``losses``."""
     policies = [p for p in reversed(names.POLICIES) if p in set(losses["policy"])]
-    figure = Figure(figsize=(9.4, 1.2 + 0.3 * len(policies)), facecolor="white", layout="constrained")
+    figure, grid = panels(9.4, 1.2 + 0.3 * len(policies), columns=3, sharey=True)
     means = losses.groupby(["accounting", "policy"])[["loss_av", "loss_hv"]].mean()
-    for axes, accounting in zip(figure.subplots(1, 3, sharey=True), names.ACCOUNTINGS, strict=True):
-        _dress(axes)
+    for axes, accounting in zip(grid[0], names.ACCOUNTINGS, strict=True):
         values = np.array([means.loc[(accounting, p)] for p in policies])
         axes.barh(range(len(policies)), values[:, 0], color=_LOCAL, height=0.66, label="AV")
         axes.barh(
             range(len(policies)), values[:, 1], left=values[:, 0], color=_BENCHMARK, height=0.66, label="followers"
         )
         for y, (av, hv) in enumerate(values):
-            axes.text(av + hv, y, f" {av + hv:.1f}", va="center", fontsize=_SIZE, color=INK)
-        axes.set_title(labels.ACCOUNTING_NAMES[accounting], fontsize=_SIZE + 0.5, color=INK, loc="left")
+            axes.text(av + hv, y, f" {av + hv:.1f}", va="center", fontsize=SIZE, color=INK)
+        axes.set_title(labels.ACCOUNTING_NAMES[accounting], fontsize=SIZE + 0.5, color=INK, loc="left")
         axes.set_xlim(0, 1.2 * np.nanmax(values.sum(axis=1), initial=1.0))
         axes.set_yticks(range(len(policies)), [labels.POLICIES[p].label for p in policies])
-        axes.set_xlabel("mean loss (normalised, no unit)", fontsize=_SIZE, color=QUIET)
-    figure.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=2, **_LEGEND)
+        axes.set_xlabel("mean loss (normalised, no unit)", fontsize=SIZE, color=QUIET)
+    figure.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=2, **LEGEND)
     return figure
 
 
-_LEGEND: Final = {"frameon": False, "fontsize": _SIZE, "labelcolor": QUIET}
-
-
-def _figure(width: float, height: float) -> tuple[Figure, Axes]:
-    figure = Figure(figsize=(width, height), facecolor="white", layout="constrained")
-    axes = figure.add_subplot()
-    _dress(axes)
-    return figure, axes
-
-
-def _dress(axes: Axes) -> None:
-    axes.tick_params(labelsize=_SIZE, color=LINE, labelcolor=QUIET, length=3)
-    axes.set_axisbelow(True)
-    for side in ("top", "right"):
-        axes.spines[side].set_visible(False)
-    for side in ("left", "bottom"):
-        axes.spines[side].set_color(LINE)
+def _single(width: float, height: float) -> tuple[Figure, Axes]:
+    figure, axes = panels(width, height)
+    return figure, axes[0, 0]

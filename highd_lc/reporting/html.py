@@ -33,7 +33,9 @@ PAGES: Final = (
     ("index.html", "Events"),
     ("summary.html", "Summary"),
     ("matrix.html", "Validation matrix"),
+    ("studies.html", "Robustness"),
     ("calibration.html", "Calibration"),
+    ("data.html", "Data"),
     ("excluded.html", "Excluded"),
     ("dictionary.html", "Data dictionary"),
 )

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from highd_lc.vocab import names
+from highd_lc.vocab.study_tables import IDM, LCM, LCM_DRAWN
 
 RECORDED: Final = "recorded"
 """Everything as recorded: not a policy, but a way in which an event can be played."""
@@ -112,6 +113,10 @@ QUANTITIES: Final = {
     "peak_follower_decel": "followers' peak braking [m/s²]",
 }
 """Quantities of ``summary_losses``."""
+
+
+FOLLOWER_MODELS: Final = {LCM: "as planned (LCM)", IDM: "IDM", LCM_DRAWN: "drawn LCM parameters"}
+"""Who the followers are when plans are scored."""
 
 
 def short_policy(name: str) -> str:

@@ -1,4 +1,4 @@
-"""Pages of the whole run: validation matrix, calibration, excluded lane-id changes, data dictionary."""
+"""Pages of the whole run: validation matrix, calibration, data dictionary."""
 
 from collections.abc import Iterator
 from typing import Final
@@ -10,7 +10,6 @@ from highd_lc.reporting import html, labels
 from highd_lc.reporting.figures_population import ALL
 from highd_lc.reporting.overview import Column, Section, TableView, overview_page, table_view
 from highd_lc.vocab import names, tables
-from highd_lc.vocab.lcm_parameters import PARAMETERS, UNITS
 from highd_lc.vocab.tables import TABLES, Table
 
 _PERCENT: Final = {"unit": "%", "digits": 2, "scale": 100.0}
@@ -96,128 +95,6 @@ def _matrix_sections(matrix: pd.DataFrame) -> Iterator[Section]:
             tables=(table_view(rows, columns),),
             anchor=f"{form}-{accounting}",
         )
-
-
-def calibration_page(summary: pd.DataFrame, followers: pd.DataFrame) -> str:
-    """Table 3 side by side with ours. summary: ``summary_lcm``; followers: ``followers``."""
-    lead = (
-        "Parameters of the LCM fitted to each follower's car following before the lane change, beside the "
-        "published ones. On a few seconds of data the model is practically not identifiable: equal errors are "
-        "reached with very different parameters, and many sit on a bound.",
-    )
-    return overview_page("calibration.html", "Calibration", _calibration_sections(summary, followers), lead)
-
-
-def _calibration_sections(summary: pd.DataFrame, followers: pd.DataFrame) -> Iterator[Section]:
-    yield table3_section(summary)
-    fitted = followers[followers["status"] == names.FITTED]
-    figure = html.inline_svg(
-        figures.parameters_figure(fitted),
-        "Histograms of the six LCM parameters; their quantiles stand in the table above.",
-    )
-    yield Section(f"Distributions over {len(fitted)} fitted followers", figure=figure)
-    yield Section("Where the parameters come from", tables=(_status_table(followers),))
-    for group, rows in summary[summary["group"] != ALL].groupby("group", sort=False):
-        yield Section(f"Group: {group}", tables=(table_view(rows.pipe(_with_units), _TABLE3_COLUMNS),))
-
-
-_TABLE3_COLUMNS: Final = (
-    Column("label", "Quantity"),
-    Column("unit", "Unit"),
-    Column("n", "Followers", digits=0),
-    *(
-        Column(f"{prefix}{q}", f"{who} {title}", digits=2)
-        for q, title in (("q25", "25 %"), ("q50", "50 %"), ("q75", "75 %"), ("mean", "mean"))
-        for who, prefix in (("ours", ""), ("paper", "paper_"))
-    ),
-    Column("share_at_bound", "On a bound", "%", 1, 100.0),
-)
-
-
-def table3_section(summary: pd.DataFrame) -> Section:
-    """Table 3 of the paper side by side with ours: figure and table."""
-    whole = _with_units(summary[summary["group"] == ALL])
-    figure = html.inline_svg(
-        figures.table3_figure(whole),
-        "Quartiles and mean of each LCM parameter, ours and the paper's; numbers in the table.",
-    )
-    return Section(
-        "Table 3, ours and the paper's",
-        figure=figure,
-        caption="Bar: 25 % to 75 %; line: median; diamond: mean.",
-        tables=(table_view(whole, _TABLE3_COLUMNS),),
-        anchor="table3",
-    )
-
-
-def _with_units(summary: pd.DataFrame) -> pd.DataFrame:
-    order = {name: k for k, name in enumerate(PARAMETERS)}
-    place = summary["quantity"].map(order).fillna(len(order))
-    labelled = summary.assign(
-        label=summary["quantity"].map(lambda q: labels.PARAMETERS.get(q, q.replace("_", " "))),
-        unit=summary["quantity"].map(lambda q: UNITS.get(q, "")),
-        _place=place,
-    )
-    return labelled.sort_values("_place", kind="stable")
-
-
-def _status_table(followers: pd.DataFrame) -> TableView:
-    counts = followers["status"].value_counts()
-    rows = tuple((labels.FIT_STATUSES[s], int(counts.get(s, 0))) for s in names.FIT_STATUSES)
-    return TableView((Column("status", "Parameters"), Column("n", "Followers", digits=0)), rows)
-
-
-def excluded_page(crossings: pd.DataFrame) -> str:
-    """Every lane-id change that is no event, by reason. crossings: ``crossings``."""
-    usable = int(crossings["usable"].sum())
-    lead = (
-        f"{len(crossings)} lane-id changes were found: {usable} usable, {len(crossings) - usable} excluded. "
-        "Each is excluded for exactly one reason, the first that applies in the order of the table.",
-    )
-    return overview_page("excluded.html", "Excluded lane-id changes", _excluded_sections(crossings), lead)
-
-
-_EXCLUDED_COLUMNS: Final = (
-    Column("event_id", "Lane-id change"),
-    Column("recording_id", "Recording", digits=0),
-    Column("ego_class", "Class"),
-    Column("direction", "Direction"),
-    Column("origin_lane", "Origin lane", digits=0),
-    Column("target_lane", "Target lane", digits=0),
-)
-
-
-def _excluded_sections(crossings: pd.DataFrame) -> Iterator[Section]:
-    yield funnel_section(crossings)
-    excluded = crossings[~crossings["usable"]]
-    for reason, rows in ((r, excluded[excluded["reason"] == r]) for r in names.REASONS):
-        if len(rows):
-            text = f"{labels.REASONS[reason][0].upper()}{labels.REASONS[reason][1:]}."
-            yield Section(
-                f"{reason} ({len(rows)})", (text,), tables=(table_view(rows, _EXCLUDED_COLUMNS),), anchor=reason
-            )
-
-
-def funnel_section(crossings: pd.DataFrame) -> Section:
-    """What becomes of the lane-id changes, cars and trucks apart."""
-    counts = pd.crosstab(crossings["reason"], crossings["ego_class"])
-    counts = counts.reindex(index=["", *names.REASONS], columns=list(names.CLASSES), fill_value=0)
-    rows = [_funnel_row(reason, counts.loc[reason].tolist()) for reason in counts.index]
-    total = ("all", "", *counts.sum().tolist(), int(counts.to_numpy().sum()))
-    columns = (
-        Column("class", "Class of the funnel"),
-        Column("meaning", "Meaning"),
-        *(Column(c, f"{c}s", digits=0) for c in names.CLASSES),
-        Column("all", "All", digits=0),
-    )
-    return Section(
-        "What becomes of the lane-id changes", tables=(TableView(columns, (*rows, total)),), anchor="funnel"
-    )
-
-
-def _funnel_row(reason: str, counts: list[int]) -> tuple[str | int, ...]:
-    meaning = labels.REASONS.get(reason, "an event with a page")
-    return (reason or "usable", meaning, *counts, sum(counts))
 
 
 def dictionary_page() -> str:

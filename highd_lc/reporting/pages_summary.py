@@ -12,8 +12,12 @@ from numpy.typing import NDArray
 from highd_lc.reporting import figures_population as figures
 from highd_lc.reporting import html, labels
 from highd_lc.reporting.event import PAIRS
+from highd_lc.reporting.figures_studies import gain_map_figure
 from highd_lc.reporting.overview import Column, Section, overview_page, table_view
-from highd_lc.reporting.pages_population import funnel_section, matrix_section, table3_section, with_labels
+from highd_lc.reporting.pages_calibration import table3_section
+from highd_lc.reporting.pages_data import funnel_section, quality_section
+from highd_lc.reporting.pages_population import matrix_section, with_labels
+from highd_lc.reporting.pages_studies import pareto_section
 from highd_lc.vocab import names
 
 FloatArray = NDArray[np.float64]
@@ -31,6 +35,9 @@ class SummaryTables:
     summary_losses: pd.DataFrame
     summary_lcm: pd.DataFrame
     recordings: pd.DataFrame
+    gain_map: pd.DataFrame
+    pareto: pd.DataFrame
+    pareto_summary: pd.DataFrame
     pages: pd.DataFrame
 
 
@@ -40,7 +47,8 @@ def summary_page(tables: SummaryTables) -> str:
         f"{len(tables.events)} lane changes of {tables.events['recording_id'].nunique()} recordings.",
         Markup(
             'More: <a href="index.html">all events</a>, <a href="matrix.html">the matrix by stratum</a>, '
-            '<a href="calibration.html">calibration</a>, <a href="excluded.html">excluded lane-id changes</a>.'
+            '<a href="studies.html">robustness</a>, <a href="calibration.html">calibration</a>, '
+            '<a href="data.html">data</a>, <a href="excluded.html">excluded lane-id changes</a>.'
         ),
     )
     return overview_page("summary.html", "Summary", _sections(tables), lead)
@@ -54,8 +62,9 @@ def _sections(tables: SummaryTables) -> Iterator[Section]:
         yield _map_section(tables)
         yield _extremes_section(tables)
         yield table3_section(tables.summary_lcm)
+        yield pareto_section(tables.pareto, tables.pareto_summary)
     yield funnel_section(tables.crossings)
-    yield _quality_section(tables.recordings)
+    yield quality_section(tables.recordings)
 
 
 def totals(
@@ -122,19 +131,33 @@ def _distribution_section(tables: SummaryTables) -> Section:
 
 
 def _map_section(tables: SummaryTables) -> Section:
-    local, benchmark = totals(tables.losses, tables.events, names.FIXED, names.PRIMARY_ACCOUNTING)
-    start = tables.pages.set_index("event_id").reindex(tables.events["event_id"])
-    figure = figures.gain_map(
-        start["hv1_spacing_m"].to_numpy(float), start["hv1_speed_difference_mps"].to_numpy(float), local, benchmark
-    )
+    tiles = tables.gain_map
+    tiles = tiles[(tiles["form"] == names.FIXED) & (tiles["accounting"] == names.PRIMARY_ACCOUNTING)]
+    spacing, difference = (tables.pages[c].to_numpy(float) for c in ("hv1_spacing_m", "hv1_speed_difference_mps"))
+    figure = gain_map_figure(tiles, spacing, difference)
     return Section(
         "Where local optimality pays",
         figure=html.inline_svg(
             figure, "Gain over spacing and speed difference of the first follower at the start."
         ),
-        caption="Every dot is an event; a tile's colour is the gain over its events (three at least). Fixed end "
-        "speed, accounting “equal”.",
+        caption="Every dot is an event; a tile's colour is the gain over its events. Fixed end speed, “equal”.",
+        folded=(table_view(tiles, _MAP_COLUMNS, "All tiles"),),
+        anchor="gain-map",
     )
+
+
+_MAP_COLUMNS: Final = (
+    Column("spacing_low_m", "Spacing from", "m", 0),
+    Column("spacing_high_m", "to", "m", 0),
+    Column("closing_low_mps", "Speed difference from", "m/s", 0),
+    Column("closing_high_mps", "to", "m/s", 0),
+    Column("n_events", "Events", digits=0),
+    Column("share_events", "Share of events", "%", 1, 100.0),
+    Column("infeasible", "Infeasible", digits=0),
+    Column("gain", "Gain", "%", 2, 100.0),
+    Column("gain_low", "from", "%", 2, 100.0),
+    Column("gain_high", "to", "%", 2, 100.0),
+)
 
 
 def _extremes_section(tables: SummaryTables) -> Section:
@@ -154,21 +177,3 @@ def _extremes_section(tables: SummaryTables) -> Section:
     best = table_view(ranked.head(_EXTREMES), columns, "Largest gains")
     worst = table_view(ranked.iloc[::-1].head(_EXTREMES), columns, "Smallest gains")
     return Section("Best and worst events", ("Fixed end speed, accounting “equal”.",), tables=(best, worst))
-
-
-def _quality_section(recordings: pd.DataFrame) -> Section:
-    columns = (
-        Column("recording_id", "Recording", digits=0),
-        Column("driving_direction", "Direction", digits=0),
-        Column("n_vehicles", "Vehicles", digits=0),
-        Column("n_trucks", "Trucks", digits=0),
-        Column("frame_rate", "Frame rate", "Hz", 1),
-        Column("n_holes", "Holes", digits=0),
-        Column("share_outside", "Rows outside markings", "%", 2, 100.0),
-        Column("mean_acceleration", "Mean acceleration (bias)", "m/s²", 4),
-        Column("disagreement_inner", "|dx/dt − vx| inside", "m/s", 3),
-        Column("share_lane_changes", "Lane-id changes agree", "%", 2, 100.0),
-        Column("failed", "Failed cross-checks"),
-    )
-    frame = recordings.assign(failed=recordings["failed_checks"].map(", ".join))
-    return Section("Quality of the data", tables=(table_view(frame, columns),), anchor="quality")

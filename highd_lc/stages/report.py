@@ -1,7 +1,6 @@
 """Report: a page and a picture of each event, then the pages of the whole run."""
 
 import re
-from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 
@@ -13,10 +12,9 @@ from highd_lc.io.scenes import load_scenes
 from highd_lc.reporting.event import PAIRS, EventReport
 from highd_lc.reporting.figures_event import VECTOR_FORMATS, EventPainter, event_vector
 from highd_lc.reporting.pages_event import Links, event_page
-from highd_lc.reporting.pages_index import SPARK_SECONDS, IndexTables, index_page
-from highd_lc.reporting.pages_population import calibration_page, dictionary_page, excluded_page, matrix_page
-from highd_lc.reporting.pages_summary import SummaryTables, summary_page
+from highd_lc.reporting.pages_index import SPARK_SECONDS
 from highd_lc.stages.event_report import RecordingTables, event_report, read_tables
+from highd_lc.stages.overview_pages import overview_pages
 from highd_lc.vocab import names
 from highd_lc.vocab.errors import UsageError
 from highd_lc.vocab.job import Combination, Job, JobReport, ReportRequest
@@ -161,7 +159,7 @@ def combine(combination: Combination, *, request: ReportRequest) -> JobReport:
         return JobReport()
     work, raw = combination.work, combination.settings.report.raw
     artefacts.concatenate(work, STAGE, "event_pages", combination.recordings, combination.provenance)
-    pages = dict(_overview_pages(work, raw))
+    pages = dict(overview_pages(work, raw=raw))
     for name, page in pages.items():
         _write(request.reports / name, page.encode("utf-8"))
     _remove_stale(
@@ -176,32 +174,6 @@ def _remove_stale(folder: Path, events: set[str]) -> None:
         kind = path.suffix.lstrip(".") in {"html", "png", *VECTOR_FORMATS}
         if kind and _EVENT_ID.fullmatch(path.stem) and path.stem not in events:
             path.unlink()
-
-
-def _overview_pages(work: Path, raw: bool) -> Iterator[tuple[str, str]]:
-    key = ["event_id", "policy", "accounting"]
-    events, crossings = artefacts.read(work, "events"), artefacts.read(work, "crossings")
-    plans = artefacts.read(work, "plans", columns=[*key, "status"])
-    losses = artefacts.read(work, "losses", columns=[*key, "loss_av", "loss_hv", "loss_total"])
-    pages = artefacts.read(work, "event_pages")
-    matrix = artefacts.read(work, "validation_matrix")
-    summary_lcm = artefacts.read(work, "summary_lcm")
-    summary = SummaryTables(
-        events=events,
-        crossings=crossings,
-        losses=losses,
-        matrix=matrix,
-        summary_losses=artefacts.read(work, "summary_losses"),
-        summary_lcm=summary_lcm,
-        recordings=artefacts.read(work, "recordings"),
-        pages=pages,
-    )
-    yield "index.html", index_page(IndexTables(events, crossings, plans, losses, pages), raw=raw)
-    yield "summary.html", summary_page(summary)
-    yield "matrix.html", matrix_page(matrix)
-    yield "calibration.html", calibration_page(summary_lcm, artefacts.read(work, "followers"))
-    yield "excluded.html", excluded_page(crossings)
-    yield "dictionary.html", dictionary_page()
 
 
 def _write(path: Path, data: bytes) -> None:

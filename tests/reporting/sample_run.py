@@ -1,11 +1,17 @@
 """A made-up run of many events for the tests of overview pages: tables with the columns of the artefacts."""
 
+from dataclasses import replace
+
 import numpy as np
 import pandas as pd
+from sample_studies import gain_map, pareto, pareto_summary
 
+from highd_lc.reporting.event import FitTrace
+from highd_lc.reporting.pages_calibration import CalibrationTables
 from highd_lc.reporting.pages_index import IndexTables
 from highd_lc.reporting.pages_summary import SummaryTables
 from highd_lc.vocab import names
+from highd_lc.vocab.fit_tables import BELIEVED, NOT_IDENTIFIABLE
 from highd_lc.vocab.lcm_parameters import PARAMETERS, TABLE3_MEANS, TABLE3_QUANTILES
 
 
@@ -29,6 +35,8 @@ def _events(ids: list[str], rng: np.random.Generator) -> pd.DataFrame:
         "ego_class": np.where(np.arange(n) % 4 == 0, names.TRUCK, names.CAR),
         "direction": np.where(np.arange(n) % 3 == 0, names.RIGHT, names.LEFT),
         "duration_s": rng.uniform(3, 9, n), "follower_ids": [[1, 2, 3][: 1 + k % 3] for k in range(n)],
+        "lateral_shift_m": rng.normal(3.6, 0.2, n), "peak_lateral_speed_mps": rng.uniform(0.6, 1.6, n),
+        "gap_ahead_m": rng.uniform(5, 90, n), "gap_behind_m": rng.uniform(5, 90, n), "location_id": 1,
     })  # fmt: skip
 
 
@@ -88,7 +96,8 @@ def sample_summary(n: int = 60) -> SummaryTables:
     losses = run.losses.assign(loss_av=0.45 * run.losses["loss_total"], loss_hv=0.55 * run.losses["loss_total"])
     return SummaryTables(
         events=run.events, crossings=run.crossings, losses=losses, matrix=matrix(), recordings=recordings(),
-        summary_losses=summary_losses(), summary_lcm=summary_lcm(), pages=run.pages,
+        summary_losses=summary_losses(), summary_lcm=summary_lcm(), pages=run.pages, gain_map=gain_map(),
+        pareto=pareto(), pareto_summary=pareto_summary(),
     )  # fmt: skip
 
 
@@ -154,8 +163,42 @@ def recordings() -> pd.DataFrame:
             "recording_id": r, "driving_direction": d, "n_vehicles": 100, "n_trucks": 20, "frame_rate": 25.0,
             "n_holes": 0, "share_outside": 0.001, "mean_acceleration": 0.02, "disagreement_inner": 0.1,
             "share_lane_changes": 1.0, "failed_checks": ["travelled"] if (r, d) == (2, 1) else [],
+            "entry_m": 0.0, "exit_m": 420.0, "disagreement_profile": [0.1 * d, 0.0, -0.05], "location_id": 1,
+            "mean_speed_change": 0.01, "disagreement_entry": 0.3, "disagreement_exit": 0.4,
         }
         for r in (1, 2, 3)
         for d in (1, 2)
     ]  # fmt: skip
     return pd.DataFrame(rows)
+
+
+def calibration(**changes: object) -> CalibrationTables:
+    """What the calibration page shows."""
+    t = np.arange(40) * 0.1
+    trace = FitTrace(t, 30 + np.sin(t), 30.2 + np.sin(t), 28 + np.cos(t), 28.1 + np.cos(t))
+    tables = CalibrationTables(
+        summary=summary_lcm(), followers=followers(), identifiability=identifiability(), pooling=pooling(),
+        examples=(("best: 01-0001-00100, HV 1", trace), ("worst: 02-0002-00200, HV 3", trace)),
+    )  # fmt: skip
+    return replace(tables, **changes)
+
+
+def identifiability() -> pd.DataFrame:
+    """One believed parameter, the others not."""
+    rows = [
+        {
+            "parameter": name, "n": 24, "width": 0.5 + 0.05 * k, "share_open": 0.25, "share_at_bound": 0.125,
+            "spread": 0.75, "partner": "tau" if name != "tau" else "L", "correlation": 0.875,
+            "verdict": BELIEVED if name == "L" else NOT_IDENTIFIABLE,
+        }
+        for k, name in enumerate(PARAMETERS)
+    ]  # fmt: skip
+    return pd.DataFrame(rows)
+
+
+def pooling() -> pd.DataFrame:
+    """Own fits, a penalty, and the median alone."""
+    return pd.DataFrame({
+        "strength": [0.0, 0.1, np.inf], "n": 24, "held_out_mean": [0.2, 0.125, 0.175],
+        "held_out_median": [0.1, 0.0875, 0.11], "share_better": [np.nan, 0.75, 0.5], "folds": [0, 4, 1],
+    })  # fmt: skip

@@ -3,11 +3,15 @@
 import pytest
 from browser import Watched, chromium
 from sample_event import infeasible_event, sample_event
-from sample_run import followers, matrix, sample_run, sample_summary, summary_lcm
+from sample_run import calibration, matrix, recordings, sample_run, sample_summary
+from sample_studies import studies
 
+from highd_lc.reporting.pages_calibration import calibration_page
+from highd_lc.reporting.pages_data import data_page, excluded_page
 from highd_lc.reporting.pages_event import Links, event_page
 from highd_lc.reporting.pages_index import index_page
-from highd_lc.reporting.pages_population import calibration_page, dictionary_page, excluded_page, matrix_page
+from highd_lc.reporting.pages_population import dictionary_page, matrix_page
+from highd_lc.reporting.pages_studies import studies_page
 from highd_lc.reporting.pages_summary import summary_page
 
 EVENTS = 8400
@@ -27,7 +31,9 @@ def folder(tmp_path_factory):
         "index.html": index_page(sample_run(EVENTS)),
         "summary.html": summary_page(sample_summary()),
         "matrix.html": matrix_page(matrix()),
-        "calibration.html": calibration_page(summary_lcm(), followers()),
+        "calibration.html": calibration_page(calibration()),
+        "studies.html": studies_page(studies()),
+        "data.html": data_page(recordings(), sample_run().crossings, sample_run().events),
         "excluded.html": excluded_page(sample_run().crossings),
         "dictionary.html": dictionary_page(),
         "events/event.html": event_page(sample_event(), Links()),
@@ -267,7 +273,7 @@ def test_another_form_and_accounting_changes_the_gains(opened):
     assert gains(page) != before
 
 
-@pytest.mark.parametrize("name", ["summary", "matrix", "calibration", "excluded", "dictionary"])
+@pytest.mark.parametrize("name", ["summary", "matrix", "studies", "calibration", "data", "excluded", "dictionary"])
 def test_overview_pages_are_quiet(opened, name):
     page = opened(f"{name}.html")
     assert page.inner_text("h1")

@@ -3,10 +3,14 @@ import re
 from dataclasses import replace
 
 import pytest
-from sample_run import followers, matrix, sample_run, sample_summary, summary_lcm
+from sample_run import calibration, matrix, recordings, sample_run, sample_summary
+from sample_studies import studies
 
+from highd_lc.reporting.pages_calibration import calibration_page
+from highd_lc.reporting.pages_data import data_page, excluded_page
 from highd_lc.reporting.pages_index import IndexTables, index_page
-from highd_lc.reporting.pages_population import calibration_page, dictionary_page, excluded_page, matrix_page
+from highd_lc.reporting.pages_population import dictionary_page, matrix_page
+from highd_lc.reporting.pages_studies import StudyTables, studies_page
 from highd_lc.reporting.pages_summary import summary_page
 from highd_lc.vocab import names
 from highd_lc.vocab.lcm_parameters import TABLE3_MEANS
@@ -47,7 +51,7 @@ def test_strata_have_their_tables():
 
 
 def test_table_3_stands_side_by_side():
-    rows = rows_of(calibration_page(summary_lcm(), followers()), after='id="table3"')
+    rows = rows_of(calibration_page(calibration()), after='id="table3"')
     desired = rows[1]
     mean = TABLE3_MEANS.v_desire
     assert desired[0] == "desired speed v_desire"
@@ -56,7 +60,7 @@ def test_table_3_stands_side_by_side():
 
 
 def test_where_parameters_come_from_adds_up():
-    rows = rows_of(calibration_page(summary_lcm(), followers()), after="Where the parameters come from")
+    rows = rows_of(calibration_page(calibration()), after="Where the parameters come from")
     assert rows[1:5] == [["fitted", "20"], ["class pool", "10"], ["pool of all", "0"], ["Table 3 means", "10"]]
 
 
@@ -111,25 +115,72 @@ def test_failed_cross_checks_are_shown():
 def test_a_run_in_which_nothing_is_feasible_still_has_a_summary():
     tables = sample_summary(6)
     losses = tables.losses.assign(loss_total=float("nan"), loss_av=float("nan"), loss_hv=float("nan"))
-    assert "no event with both plans" in summary_page(replace(tables, losses=losses))
+    page = summary_page(replace(tables, losses=losses, gain_map=tables.gain_map.assign(gain=float("nan"))))
+    assert "Largest gains" in page
+
+
+def test_beliefs_and_pooling_are_told_in_words():
+    page = calibration_page(calibration())
+    assert "Believable one by one: L." in page
+    rows = rows_of(page, after='id="pooling"')
+    assert [row[0] for row in rows[1:4]] == ["not at all: own fit", "strength 0.1", "entirely: the median drives"]
+    assert rows[2][1:] == ["0.1250", "0.0875", "75", "4"]
+
+
+def test_cross_scores_hold_every_number():
+    table = studies().cross_scores
+    for form in names.FORMS:
+        rows = rows_of(studies_page(studies()), after=f'id="cross-{form}"')[1:28]
+        gains = table.loc[table["form"] == form, "gain"]
+        assert [row[5] for row in rows] == [f"{100 * g:.2f}".replace("-", "−") for g in gains]
+
+
+def test_those_who_lose_most_come_first_and_are_linked():
+    page = studies_page(studies())
+    rows = rows_of(page, after='id="worse"')[1:]
+    assert len(rows) == 50
+    assert rows[0][0] == "01-0060-00100"
+    assert rows[0][-1] == "60.00"
+    assert rows[0][3] == "HV 1"
+    assert 'href="events/01-0060-00100.html"' in page
+
+
+def test_tiles_of_the_gain_map_stand_in_a_table():
+    rows = rows_of(summary_page(sample_summary()), after='id="gain-map"')[1:10]
+    assert rows[0][:4] == ["0", "20", "–", "0"]
+    assert rows[-1][:4] == ["60", "–", "4", "–"]
+
+
+def test_a_front_without_a_knee_shows_none():
+    rows = rows_of(studies_page(studies()), after='id="pareto"')[1:3]
+    assert rows[0][6:8] == ["21.50", "21.50"]
+    assert rows[1][6:8] == ["–", "–"]
 
 
 def test_a_run_without_any_event_still_has_its_pages():
     tables, run = sample_summary(6), sample_run(6)
     nothing = {
         name: getattr(tables, name).iloc[:0]
-        for name in ("events", "losses", "matrix", "summary_losses", "summary_lcm", "pages")
+        for name in ("events", "losses", "matrix", "summary_losses", "summary_lcm", "gain_map", "pareto", "pages")
     }
     crossings = tables.crossings[~tables.crossings["usable"]]
     empty = replace(tables, **nothing, crossings=crossings)
     assert "0 lane changes of 0 recordings" in summary_page(empty)
     assert "All events" in matrix_page(empty.matrix)
-    assert "0 fitted followers" in calibration_page(empty.summary_lcm, followers().iloc[:0])
+    fits = calibration()
+    none = {name: getattr(fits, name).iloc[:0] for name in ("summary", "followers", "identifiability", "pooling")}
+    assert "0 fitted followers" in calibration_page(calibration(**none, examples=()))
+    full = studies()
+    nobody = {name: getattr(full, name).iloc[:0] for name in StudyTables.__dataclass_fields__}
+    assert "0 events have somebody who loses" in studies_page(studies(**nobody))
+    assert "0 of them usable" in data_page(recordings(), crossings, empty.events)
     index = IndexTables(empty.events, crossings, run.plans.iloc[:0], run.losses.iloc[:0], empty.pages)
     assert "0 events" in index_page(index)
 
 
-@pytest.mark.parametrize("page", [dictionary_page(), matrix_page(matrix()), summary_page(sample_summary())])
+@pytest.mark.parametrize(
+    "page", [dictionary_page(), matrix_page(matrix()), summary_page(sample_summary()), studies_page(studies())]
+)
 def test_pages_ask_for_nothing(page):
     assert "default-src 'none'" in page
     namespaces = {"http://www.w3.org/2000/svg", "http://www.w3.org/1999/xlink"}

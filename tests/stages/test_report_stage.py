@@ -7,6 +7,7 @@ import pandas as pd
 import pytest
 
 from highd_lc.io import artefacts
+from highd_lc.reporting.html import PAGES
 from highd_lc.stages import calibrate, extract, ingest, report, validate
 from highd_lc.vocab import names
 from highd_lc.vocab.errors import UsageError
@@ -83,15 +84,7 @@ def test_every_event_has_its_page_and_picture_and_nothing_else_is_there(work, ma
     assert len(events(work)) >= 3
     expected = {f"{e}.{kind}" for e in events(work) for kind in ("html", "png")}
     assert {path.name for path in (made / "events").iterdir()} == expected
-    overview = {
-        "index.html",
-        "summary.html",
-        "matrix.html",
-        "calibration.html",
-        "excluded.html",
-        "dictionary.html",
-    }
-    assert {path.name for path in made.iterdir()} == overview | {"events"}
+    assert {path.name for path in made.iterdir()} == {"events", *(file for file, _ in PAGES)}
 
 
 def test_every_link_leads_to_a_file(made):

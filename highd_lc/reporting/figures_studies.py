@@ -1,0 +1,203 @@
+"""Figures of what the population is judged by beside the matrix: tables in, Figure out; gains in percent."""
+
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.colors import TwoSlopeNorm
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from highd_lc.reporting import labels
+from highd_lc.reporting.drawing import INK, LINE, QUIET
+from highd_lc.reporting.figures_population import CELL_COLOURS
+from highd_lc.reporting.plain_axes import LEGEND, SIZE, colour_bar, panels
+from highd_lc.vocab import names
+from highd_lc.vocab.study_tables import FOLLOWER_MODELS, FRONT, SWEEP
+
+FloatArray = NDArray[np.float64]
+
+_ACCOUNTING_STYLES: Final = {names.EQUAL: "-", names.FOLLOWER_HORIZON: "--", names.PAPER: ":"}
+_COLOUR_MAP: Final = "PuOr"
+_FRONTS: Final = 6
+
+
+def cross_figure(scores: pd.DataFrame) -> Figure:
+    """Gain when plans are scored under what was not optimised: rows optimised, columns scored, a panel a model.
+
+    scores: rows of ``cross_scores`` of one form.
+    """
+    figure, grid = panels(9.4, 2.7, columns=len(FOLLOWER_MODELS))
+    largest = _largest(scores["gain"])
+    for axes, model in zip(grid[0], FOLLOWER_MODELS, strict=True):
+        table = scores[scores["followers"] == model].pivot_table(
+            index="optimised", columns="scored", values="gain"
+        )
+        table = table.reindex(index=list(names.ACCOUNTINGS), columns=list(names.ACCOUNTINGS))
+        _heat(axes, 100.0 * table.to_numpy(float), largest)
+        axes.set_title(f"followers: {labels.FOLLOWER_MODELS[model]}", fontsize=SIZE, color=INK, loc="left")
+        short = [labels.ACCOUNTING_NAMES[a].lower().replace(" ", "\n") for a in names.ACCOUNTINGS]
+        axes.set_xticks(range(3), short)
+        axes.set_yticks(range(3), short)
+        axes.set_xlabel("scored under", fontsize=SIZE, color=QUIET)
+        axes.set_ylabel("optimised under", fontsize=SIZE, color=QUIET)
+    return figure
+
+
+def _largest(gains: pd.Series) -> float:
+    known = 100.0 * gains.abs().dropna()
+    return max(float(known.max()), 0.1) if len(known) else 0.1
+
+
+def _heat(axes: Axes, values: FloatArray, largest: float) -> None:
+    axes.imshow(values, cmap=_COLOUR_MAP, norm=TwoSlopeNorm(0.0, -largest, largest), aspect="auto")
+    for i, j in np.ndindex(*values.shape):
+        if np.isfinite(values[i, j]):
+            ink = "#ffffff" if abs(values[i, j]) > 0.6 * largest else "#000000"
+            axes.text(j, i, f"{values[i, j]:.2f}", ha="center", va="center", fontsize=SIZE, color=ink)
+
+
+def horizon_figure(sensitivity: pd.DataFrame) -> Figure:
+    """Gain over the accounted time H with its interval. sensitivity: rows of ``horizon_sensitivity``."""
+    figure, grid = panels(8.4, 3.0, columns=len(names.FORMS))
+    for axes, form in zip(grid[0], names.FORMS, strict=True):
+        for accounting, style in _ACCOUNTING_STYLES.items():
+            rows = sensitivity[(sensitivity["form"] == form) & (sensitivity["accounting"] == accounting)]
+            _band(axes, rows, style, CELL_COLOURS[form], labels.ACCOUNTING_NAMES[accounting])
+        axes.axhline(0, color=INK, lw=0.8)
+        axes.set_title(labels.FORMS[form], fontsize=SIZE, color=INK, loc="left")
+        axes.set_xlabel("accounted time H [s]", fontsize=SIZE, color=QUIET)
+        axes.set_ylabel("gain [%]", fontsize=SIZE, color=QUIET)
+        axes.grid(axis="y", color=LINE, lw=0.5)
+    if len(sensitivity):
+        grid[0, 0].legend(**LEGEND)
+    return figure
+
+
+def _band(axes: Axes, rows: pd.DataFrame, style: str, colour: str, label: str) -> None:
+    rows = rows.sort_values("horizon_s")
+    low, high = 100.0 * rows["gain_low"], 100.0 * rows["gain_high"]
+    axes.fill_between(rows["horizon_s"], low, high, color=colour, alpha=0.12, linewidth=0)
+    if len(rows):
+        axes.plot(
+            rows["horizon_s"], 100.0 * rows["gain"], style, color=colour, lw=1.6, marker="o", ms=4, label=label
+        )
+
+
+def uncertainty_figure(uncertainty: pd.DataFrame) -> Figure:
+    """Gain of each sampled event over draws of the followers' parameters: mean, range, and as fitted.
+
+    uncertainty: rows of ``uncertainty`` of one form and accounting.
+    """
+    figure, grid = panels(8.4, 3.0)
+    axes = grid[0, 0]
+    rows = uncertainty.dropna(subset=["gain_mean"]).sort_values("gain_mean")
+    place = np.arange(len(rows))
+    axes.vlines(place, 100 * rows["gain_low"], 100 * rows["gain_high"], color=QUIET, lw=1.2)
+    axes.plot(place, 100 * rows["gain_mean"], "o", color="#0072B2", ms=4, label="mean over draws")
+    axes.plot(place, 100 * rows["gain"], "x", color="#D55E00", ms=5, label="parameters as fitted")
+    axes.axhline(0, color=INK, lw=0.8)
+    axes.set_xticks([])
+    axes.set_xlabel("sampled events, by mean gain", fontsize=SIZE, color=QUIET)
+    axes.set_ylabel("gain [%]", fontsize=SIZE, color=QUIET)
+    axes.grid(axis="y", color=LINE, lw=0.5)
+    axes.legend(**LEGEND)
+    return figure
+
+
+def pareto_figure(pareto: pd.DataFrame) -> Figure:
+    """Fronts of (loss of the AV, loss of the followers) of some sampled events, with the sweep over omega_AV.
+
+    pareto: rows of ``pareto``.
+    """
+    chosen = sorted(pareto["event_id"].unique())[:_FRONTS]
+    rows = max(-(-len(chosen) // 3), 1)
+    figure, grid = panels(9.4, 2.6 * rows, rows=rows, columns=3)
+    for axes, event in zip(grid.flat, chosen, strict=False):
+        _front(axes, pareto[pareto["event_id"] == event])
+        axes.set_title(event, fontsize=SIZE, color=INK, loc="left")
+    for axes in grid.flat[len(chosen) :]:
+        axes.set_visible(False)
+    if chosen:
+        handles = grid[0, 0].get_legend_handles_labels()
+        figure.legend(*handles, loc="outside lower center", ncols=3, **LEGEND)
+    return figure
+
+
+def _front(axes: Axes, rows: pd.DataFrame) -> None:
+    front, sweep = (rows[rows["kind"] == kind].sort_values("loss_av") for kind in (FRONT, SWEEP))
+    axes.plot(front["loss_av"], front["loss_hv"], ".", color=QUIET, ms=4, label="front found by NSGA-II")
+    axes.plot(
+        sweep["loss_av"], sweep["loss_hv"], "o-", color="#0072B2", ms=4, lw=1, label="sweep over the AV's weight"
+    )
+    knee = front[front["knee"]]
+    axes.plot(knee["loss_av"], knee["loss_hv"], "D", color="#D55E00", ms=6, label="knee")
+    axes.set_xlabel("loss of the AV", fontsize=SIZE, color=QUIET)
+    axes.set_ylabel("loss of the followers", fontsize=SIZE, color=QUIET)
+    axes.grid(color=LINE, lw=0.5)
+
+
+def gain_map_figure(tiles: pd.DataFrame, spacing: FloatArray, difference: FloatArray) -> Figure:
+    """Gain over spacing and speed difference of HV 1 at the start: tiles with gain and count, every event a dot.
+
+    tiles: rows of ``gain_map`` of one form and accounting; spacing [m], difference [m/s]: of each event.
+    """
+    figure, grid = panels(8.0, 4.2)
+    axes = grid[0, 0]
+    known = np.isfinite(spacing) & np.isfinite(difference)
+    x, y = _open_edges(tiles, "spacing", spacing[known]), _open_edges(tiles, "closing", difference[known])
+    largest = _largest(tiles["gain"])
+    values = _on_grid(tiles, x, y)
+    mesh = axes.pcolormesh(x, y, values.T, cmap=_COLOUR_MAP, norm=TwoSlopeNorm(0.0, -largest, largest))
+    axes.plot(spacing[known], difference[known], ".", color="#000000", ms=3, alpha=0.35)
+    colour_bar(figure, mesh, axes, "gain [%]")
+    axes.set_xlabel("spacing of HV 1 behind the AV at the start [m]", color=QUIET, fontsize=SIZE)
+    axes.set_ylabel("speed of HV 1 minus that of the AV [m/s]", color=QUIET, fontsize=SIZE)
+    return figure
+
+
+def _open_edges(tiles: pd.DataFrame, axis: str, values: FloatArray) -> FloatArray:
+    """Edges of the tiles along an axis; an open end reaches as far as the events do."""
+    unit = "m" if axis == "spacing" else "mps"
+    columns = (tiles[f"{axis}_{end}_{unit}"] for end in ("low", "high"))
+    inner = np.unique(np.concatenate([column.dropna().to_numpy(float) for column in columns]))
+    outer = [values.min() - 1.0, values.max() + 1.0] if values.size else []
+    is_open = [tiles[f"{axis}_{end}_{unit}"].isna().any() for end in ("low", "high")]
+    low = [min(outer[0], inner[0] - 1.0)] if outer and is_open[0] else []
+    high = [max(outer[1], inner[-1] + 1.0)] if outer and is_open[1] else []
+    edges = np.concatenate([low, inner, high])
+    return edges if edges.size > 1 else np.array([0.0, 1.0])
+
+
+def _on_grid(tiles: pd.DataFrame, x: FloatArray, y: FloatArray) -> FloatArray:
+    values = np.full((x.size - 1, y.size - 1), np.nan)
+    columns = ("spacing_low_m", "closing_low_mps", "gain")
+    for spacing, closing, gain in zip(*(tiles[name].to_numpy(float) for name in columns), strict=True):
+        i, j = (_cell(edges, low) for edges, low in ((x, spacing), (y, closing)))
+        values[i, j] = 100.0 * gain
+    return values
+
+
+def _cell(edges: FloatArray, low: float) -> int:
+    return 0 if np.isnan(low) else int(np.searchsorted(edges, low))
+
+
+def fits_figure(traces: Sequence[tuple[str, FloatArray, FloatArray, FloatArray, FloatArray]]) -> Figure:
+    """Some fits as trajectories: title, recorded and simulated spacing [m], recorded and simulated speed [m/s]."""
+    figure, grid = panels(9.4, 4.2, rows=2, columns=max(len(traces), 1))
+    for column, (title, *motions) in enumerate(traces):
+        for row, unit in enumerate(("spacing [m]", "speed [m/s]")):
+            axes = grid[row, column]
+            recorded, simulated = motions[2 * row : 2 * row + 2]
+            t = 0.1 * np.arange(recorded.size)
+            axes.plot(t, recorded, color=QUIET, lw=2.2, label="recorded")
+            axes.plot(t, simulated, color="#0072B2", lw=1.3, label="LCM")
+            axes.set_ylabel(unit, fontsize=SIZE, color=QUIET)
+            axes.grid(axis="y", color=LINE, lw=0.5)
+        grid[0, column].set_title(title, fontsize=SIZE, color=INK, loc="left")
+        grid[1, column].set_xlabel("time in the window [s]", fontsize=SIZE, color=QUIET)
+    if traces:
+        grid[0, 0].legend(**LEGEND)
+    return figure

@@ -1,0 +1,112 @@
+"""Pages of what went in: quality of the recordings, the lane changes found, and those that are excluded."""
+
+from collections.abc import Iterator
+from typing import Final
+
+import pandas as pd
+
+from highd_lc.reporting import figures_extraction as figures
+from highd_lc.reporting import html, labels
+from highd_lc.reporting.overview import Column, Section, TableView, overview_page, table_view
+from highd_lc.vocab import names
+
+
+def data_page(recordings: pd.DataFrame, crossings: pd.DataFrame, events: pd.DataFrame) -> str:
+    """Quality of the recordings, funnel and distributions of the lane changes."""
+    lead = (
+        f"{recordings['recording_id'].nunique()} recordings, {int(recordings['n_vehicles'].sum())} vehicles, "
+        f"{len(crossings)} lane-id changes, {len(events)} of them usable.",
+    )
+    return overview_page("data.html", "Data", _data_sections(recordings, crossings, events), lead)
+
+
+def _data_sections(recordings: pd.DataFrame, crossings: pd.DataFrame, events: pd.DataFrame) -> Iterator[Section]:
+    yield funnel_section(crossings)
+    figure = html.inline_svg(
+        figures.distributions_figure(crossings, events),
+        "Distributions of duration, lateral shift, peak lateral speed, gaps at the start and number of followers.",
+    )
+    yield Section("The lane changes", figure=figure, anchor="distributions")
+    yield quality_section(recordings)
+
+
+_QUALITY_COLUMNS: Final = (
+    Column("recording_id", "Recording", digits=0),
+    Column("driving_direction", "Direction", digits=0),
+    Column("n_vehicles", "Vehicles", digits=0),
+    Column("n_trucks", "Trucks", digits=0),
+    Column("frame_rate", "Frame rate", "Hz", 1),
+    Column("n_holes", "Holes", digits=0),
+    Column("share_outside", "Rows outside markings", "%", 2, 100.0),
+    Column("mean_acceleration", "Mean acceleration (bias)", "m/s²", 4),
+    Column("disagreement_inner", "|dx/dt − vx| inside", "m/s", 3),
+    Column("share_lane_changes", "Lane-id changes agree", "%", 2, 100.0),
+    Column("failed", "Failed cross-checks"),
+)
+
+
+def quality_section(recordings: pd.DataFrame) -> Section:
+    """Quality of the data: figure, and a row for each recording and direction."""
+    frame = recordings.assign(failed=recordings["failed_checks"].map(", ".join))
+    figure = html.inline_svg(
+        figures.quality_figure(recordings),
+        "Bias of the mean forward acceleration by recording and direction, and disagreement of position and speed "
+        "along the section.",
+    )
+    folded = (table_view(frame, _QUALITY_COLUMNS, "All recordings"),)
+    return Section("Quality of the data", figure=figure, folded=folded, anchor="quality")
+
+
+def excluded_page(crossings: pd.DataFrame) -> str:
+    """Every lane-id change that is no event, by reason. crossings: ``crossings``."""
+    usable = int(crossings["usable"].sum())
+    lead = (
+        f"{len(crossings)} lane-id changes were found: {usable} usable, {len(crossings) - usable} excluded. "
+        "Each is excluded for exactly one reason, the first that applies in the order of the table.",
+    )
+    return overview_page("excluded.html", "Excluded lane-id changes", _excluded_sections(crossings), lead)
+
+
+_EXCLUDED_COLUMNS: Final = (
+    Column("event_id", "Lane-id change"),
+    Column("recording_id", "Recording", digits=0),
+    Column("ego_class", "Class"),
+    Column("direction", "Direction"),
+    Column("origin_lane", "Origin lane", digits=0),
+    Column("target_lane", "Target lane", digits=0),
+)
+
+
+def _excluded_sections(crossings: pd.DataFrame) -> Iterator[Section]:
+    yield funnel_section(crossings)
+    excluded = crossings[~crossings["usable"]]
+    for reason, rows in ((r, excluded[excluded["reason"] == r]) for r in names.REASONS):
+        if len(rows):
+            text = f"{labels.REASONS[reason][0].upper()}{labels.REASONS[reason][1:]}."
+            title = f"{reason} ({len(rows)})"
+            yield Section(title, (text,), tables=(table_view(rows, _EXCLUDED_COLUMNS),), anchor=reason)
+
+
+def funnel_section(crossings: pd.DataFrame) -> Section:
+    """What becomes of the lane-id changes: figure, and counts with cars and trucks apart."""
+    counts = pd.crosstab(crossings["reason"], crossings["ego_class"])
+    counts = counts.reindex(index=["", *names.REASONS], columns=list(names.CLASSES), fill_value=0)
+    rows = [_funnel_row(reason, counts.loc[reason].tolist()) for reason in counts.index]
+    total = ("all", "", *counts.sum().tolist(), int(counts.to_numpy().sum()))
+    columns = (
+        Column("class", "Class of the funnel"),
+        Column("meaning", "Meaning"),
+        *(Column(c, f"{c}s", digits=0) for c in names.CLASSES),
+        Column("all", "All", digits=0),
+    )
+    return Section(
+        "What becomes of the lane-id changes",
+        figure=html.inline_svg(figures.funnel_figure(crossings), "The funnel; the table holds the numbers."),
+        tables=(TableView(columns, (*rows, total)),),
+        anchor="funnel",
+    )
+
+
+def _funnel_row(reason: str, counts: list[int]) -> tuple[str | int, ...]:
+    meaning = labels.REASONS.get(reason, "an event with a page")
+    return (reason or "usable", meaning, *counts, sum(counts))

@@ -1,0 +1,235 @@
+"""The robustness page: the same question asked under what was not optimised, and on samples of events."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Final
+
+import pandas as pd
+
+from highd_lc.reporting import figures_studies as figures
+from highd_lc.reporting import html, labels
+from highd_lc.reporting.overview import Column, Section, overview_page, table_view
+from highd_lc.vocab import names
+
+_WORST_SHOWN: Final = 50
+
+
+@dataclass(frozen=True)
+class StudyTables:
+    """Artefacts of the studies: each a table of ``vocab.study_tables``."""
+
+    cross_scores: pd.DataFrame
+    horizon_sensitivity: pd.DataFrame
+    leave_one_out: pd.DataFrame
+    uncertainty: pd.DataFrame
+    pareto: pd.DataFrame
+    pareto_summary: pd.DataFrame
+    solver_summary: pd.DataFrame
+    worse_for_somebody: pd.DataFrame
+
+
+def studies_page(tables: StudyTables) -> str:
+    """What the gain becomes under other followers, accountings, horizons, parameters, sites and solvers."""
+    lead = (
+        "A sign proves nothing where the optimum guarantees it. Here the plans are judged by what they were not "
+        "made for, and the search by other searches.",
+    )
+    return overview_page("studies.html", "Robustness", _sections(tables), lead)
+
+
+def _sections(tables: StudyTables) -> Iterator[Section]:
+    yield from _cross_sections(tables.cross_scores)
+    yield _horizon_section(tables.horizon_sensitivity)
+    yield _location_section(tables.leave_one_out)
+    yield _uncertainty_section(tables.uncertainty)
+    yield pareto_section(tables.pareto, tables.pareto_summary)
+    yield _solver_section(tables.solver_summary)
+    yield _worse_section(tables.worse_for_somebody)
+
+
+def _percent(name: str, title: str, digits: int = 2) -> Column:
+    return Column(name, title, "%", digits, 100.0)
+
+
+_GAINS: Final = (
+    Column("n_events", "Events", digits=0),
+    Column("infeasible", "Infeasible", digits=0),
+    _percent("gain", "Gain"),
+    _percent("gain_low", "from"),
+    _percent("gain_high", "to"),
+    _percent("gain_hv", "Gain of followers"),
+    _percent("gain_av", "Gain of AV"),
+    _percent("share_better", "Better", 1),
+    _percent("share_worse", "Worse", 1),
+)
+
+
+def _labelled(frame: pd.DataFrame) -> pd.DataFrame:
+    known = {"form": labels.FORMS, "accounting": labels.ACCOUNTING_NAMES}
+    return frame.assign(**{f"{c}_label": frame[c].map(names_) for c, names_ in known.items() if c in frame})
+
+
+_FORM: Final = Column("form_label", "Form")
+_ACCOUNTING: Final = Column("accounting_label", "Accounting")
+
+
+def _cross_sections(scores: pd.DataFrame) -> Iterator[Section]:
+    text = (
+        "Plans made under one accounting (rows) scored under each (columns), with the followers as planned, "
+        "driven by another model (IDM), or with parameters drawn within the fits' spread.",
+    )
+    for form in names.FORMS:
+        rows = scores[scores["form"] == form]
+        if rows.empty:
+            continue
+        table = rows.assign(
+            optimised_label=rows["optimised"].map(labels.ACCOUNTING_NAMES),
+            scored_label=rows["scored"].map(labels.ACCOUNTING_NAMES),
+            followers_label=rows["followers"].map(labels.FOLLOWER_MODELS),
+        )
+        columns = (
+            Column("optimised_label", "Optimised under"),
+            Column("scored_label", "Scored under"),
+            Column("followers_label", "Followers"),
+            *_GAINS,
+            Column("touching", "Touching after T", digits=0),
+        )
+        title = f"Scored under what was not optimised: {labels.FORMS[form].lower()}"
+        figure = html.inline_svg(figures.cross_figure(rows), f"{title}. The table holds the numbers.")
+        yield Section(
+            title, text, figure, folded=(table_view(table, columns, "All numbers"),), anchor=f"cross-{form}"
+        )
+
+
+def _horizon_section(sensitivity: pd.DataFrame) -> Section:
+    columns = (Column("horizon_s", "H", "s", 1), _FORM, _ACCOUNTING, *_GAINS)
+    figure = html.inline_svg(
+        figures.horizon_figure(sensitivity),
+        "Gain over the accounted time H by form and accounting, with intervals.",
+    )
+    text = ("Over a sample of events. Bands: bootstrap intervals over recordings.",)
+    folded = (table_view(_labelled(sensitivity), columns, "All numbers"),)
+    return Section("Sensitivity to the accounted time", text, figure, folded=folded, anchor="horizon")
+
+
+def _location_section(rows: pd.DataFrame) -> Section:
+    columns = (
+        Column("location_id", "Location left out", digits=0),
+        _FORM,
+        _ACCOUNTING,
+        Column("n_left_out", "Events left out", digits=0),
+        *_GAINS,
+    )
+    primary = rows[rows["accounting"] == names.PRIMARY_ACCOUNTING]
+    others = rows[rows["accounting"] != names.PRIMARY_ACCOUNTING]
+    return Section(
+        "Leave one location out",
+        ("Accounting “equal” first; the other accountings below.",),
+        tables=(table_view(_labelled(primary), columns),),
+        folded=(table_view(_labelled(others), columns, "Other accountings"),),
+        anchor="locations",
+    )
+
+
+_UNCERTAINTY: Final = (
+    Column("event_id", "Event", link="events/{}.html"),
+    Column("n_replanned", "Draws", digits=0),
+    _percent("gain", "Gain as fitted"),
+    _percent("gain_mean", "Mean gain"),
+    _percent("gain_low", "lowest"),
+    _percent("gain_high", "highest"),
+    _percent("share_better", "Better", 1),
+    _percent("share_worse", "Worse", 1),
+    Column("n_kept", "Draws, plan kept", digits=0),
+    _percent("gain_kept_mean", "Mean gain, plan kept"),
+    _percent("share_kept_better", "Better, plan kept", 1),
+    Column("T_deviation", "Deviation of T", "s", 2),
+    _percent("spread_known", "Followers with known spread", 0),
+)
+
+
+def _uncertainty_section(uncertainty: pd.DataFrame) -> Section:
+    rows = uncertainty[uncertainty["accounting"] == names.PRIMARY_ACCOUNTING]
+    fixed = rows[rows["form"] == names.FIXED]
+    better = fixed["share_better"].mean() if len(fixed) else float("nan")
+    text = (
+        "Each sampled event is planned and scored again with parameters of its followers drawn within the spread "
+        f"of their fits. In {html.percent(better, 1)} of the draws the local optimum's total is lower (fixed end "
+        "speed, accounting “equal”).",
+    )
+    figure = html.inline_svg(
+        figures.uncertainty_figure(fixed), "Gain of each sampled event over draws: mean, range and as fitted."
+    )
+    tables = tuple(
+        table_view(rows[rows["form"] == form], _UNCERTAINTY, f"{labels.FORMS[form]}, accounting “equal”")
+        for form in names.FORMS
+        if (rows["form"] == form).any()
+    )
+    return Section("Uncertain followers", text, figure, folded=tables, anchor="uncertainty")
+
+
+_PARETO: Final = (
+    Column("event_id", "Event", link="events/{}.html"),
+    Column("n_front", "Plans on the front", digits=0),
+    Column("hypervolume", "Hypervolume, NSGA-II", digits=4),
+    Column("hypervolume_sweep", "Hypervolume, sweep", digits=4),
+    _percent("front_behind", "Front behind the sweep by at most", 3),
+    _percent("front_ahead", "Front ahead by at most", 3),
+    Column("knee_loss_av", "Knee: AV loss", digits=2),
+    Column("knee_loss_hv", "Knee: HV loss", digits=2),
+    Column("knee_omega_low", "Knee optimal from weight", digits=2),
+    Column("knee_omega_high", "to weight", digits=2),
+)
+
+
+def pareto_section(pareto: pd.DataFrame, summary: pd.DataFrame) -> Section:
+    """Fronts of AV against followers for some sampled events, and the summary of all of them."""
+    figure = html.inline_svg(
+        figures.pareto_figure(pareto),
+        "Pareto fronts of the loss of the AV and that of the followers, with the sweep.",
+    )
+    text = (
+        "What the AV would have to give for what the followers gain: non-dominated plans over (T, x_final, v_end) "
+        "found by NSGA-II, and the global optima as the AV's weight goes from 0.1 to 1. Accounting “equal”.",
+    )
+    folded = (table_view(summary, _PARETO, f"All {len(summary)} sampled events"),)
+    return Section("Pareto front", text, figure, folded=folded, anchor="pareto")
+
+
+def _solver_section(summary: pd.DataFrame) -> Section:
+    levels = (
+        ("failed", "infeasible"),
+        ("worse_1", "> 1 % worse"),
+        ("worse_01", "> 0.1 % worse"),
+        ("better_01", "> 0.1 % better"),
+    )
+    columns = (
+        _FORM,
+        Column("omega_av", "AV's weight", digits=2),
+        Column("n", "Cases", digits=0),
+        *(_percent(f"share_sqp_{key}", f"all starts: {title}", 1) for key, title in levels),
+        *(_percent(f"share_single_{key}", f"one start: {title}", 1) for key, title in levels),
+        _percent("excess_sqp_max", "largest excess", 3),
+        _percent("excess_sqp_min", "smallest excess", 3),
+    )
+    text = ("SLSQP, the method the paper names, against the global search on sampled events.",)
+    return Section("Solvers compared", text, tables=(table_view(_labelled(summary), columns),), anchor="solvers")
+
+
+def _worse_section(worse: pd.DataFrame) -> Section:
+    columns = (
+        Column("event_id", "Event", link="events/{}.html"),
+        _FORM,
+        _ACCOUNTING,
+        Column("who_label", "Who loses"),
+        Column("loss_benchmark", "Loss, benchmark", digits=3),
+        Column("loss_local", "Loss, local optimum", digits=3),
+        _percent("increase", "Increase"),
+    )
+    ranked = worse.sort_values(["increase", "event_id"], ascending=[False, True]).head(_WORST_SHOWN)
+    rows = _labelled(ranked).assign(who_label=ranked["who"].map(labels.role))
+    text = (
+        f"{worse['event_id'].nunique()} events have somebody who loses by the local optimum under some form and "
+        f"accounting ({len(worse)} cases). The {len(rows)} largest increases:",
+    )
+    return Section("Worse for somebody", text, tables=(table_view(rows, columns),), anchor="worse")

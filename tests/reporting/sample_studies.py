@@ -1,0 +1,99 @@
+"""Made-up tables of the studies for the tests of the robustness page."""
+
+from dataclasses import replace
+from itertools import product
+
+import numpy as np
+import pandas as pd
+
+from highd_lc.reporting.pages_studies import StudyTables
+from highd_lc.vocab import names
+from highd_lc.vocab.study_tables import FOLLOWER_MODELS, FRONT, SWEEP
+
+
+def gains(k: int) -> dict[str, float]:
+    """The columns that all tables of gains share; every k differs."""
+    gain = 0.004 * (k + 1) * (-1) ** (k % 3 == 2)
+    return {
+        "n_events": 40 + k, "n_recordings": 6, "infeasible": k % 4, "total_benchmark": 900.0,
+        "total_local": 900.0 * (1 - gain), "gain": gain, "gain_low": gain - 0.003, "gain_high": gain + 0.003,
+        "gain_av": -gain, "gain_hv": 2 * gain, "share_better": 0.75, "share_worse": 0.125,
+    }  # fmt: skip
+
+
+def gain_map() -> pd.DataFrame:
+    """Tiles with open ends, one of them empty."""
+    spacings, closings = (0.0, 20.0, 60.0, np.nan), (np.nan, 0.0, 4.0, np.nan)
+    cells = [
+        {"form": f, "accounting": a, "spacing_low_m": spacings[i], "spacing_high_m": spacings[i + 1],
+         "closing_low_mps": closings[j], "closing_high_mps": closings[j + 1], "share_events": 1 / 9,
+         **gains(3 * i + j)}
+        for f in names.FORMS for a in names.ACCOUNTINGS for i in range(3) for j in range(3)
+    ]  # fmt: skip
+    frame = pd.DataFrame(cells)
+    frame.loc[frame["n_events"] == 44, "gain"] = np.nan
+    return frame
+
+
+def studies(**changes: object) -> StudyTables:
+    """What the robustness page shows."""
+    cells = [(f, a) for f in names.FORMS for a in names.ACCOUNTINGS]
+    levels = ("failed", "worse_1", "worse_01", "better_01")
+    frames = {
+        "cross_scores": [
+            {"form": f, "optimised": a, "scored": b, "followers": m, "touching": 1, **gains(i)}
+            for i, ((f, a), b, m) in enumerate(product(cells, names.ACCOUNTINGS, FOLLOWER_MODELS))
+        ],
+        "horizon_sensitivity": [
+            {"horizon_s": h, "form": f, "accounting": a, **gains(i)}
+            for i, (h, (f, a)) in enumerate(product((5.0, 8.0, 10.0, 15.0), cells))
+        ],
+        "leave_one_out": [
+            {"form": f, "accounting": a, "location_id": s, "n_left_out": 9, **gains(i)}
+            for i, ((f, a), s) in enumerate(product(cells, (1, 2)))
+        ],
+        "uncertainty": [
+            {"event_id": e, "recording_id": 1, "form": f, "accounting": a, "n_replanned": 20, "infeasible": 0,
+             "gain": 0.01, "gain_mean": 0.008 + 0.001 * i, "gain_low": -0.01, "gain_high": 0.03,
+             "share_better": 0.8, "share_worse": 0.1, "n_kept": 20, "gain_kept_mean": 0.007,
+             "share_kept_better": 0.7, "share_kept_worse": 0.2, "T_deviation": 0.3, "spread_known": 0.5}
+            for i, (e, (f, a)) in enumerate(product(("01-0001-00107", "02-0002-00114"), cells))
+        ],
+        "solver_summary": [
+            {"form": f, "omega_av": w, "n": 36, "excess_sqp_max": 0.02, "excess_sqp_min": -0.0001}
+            | {f"share_{s}_{k}": 0.25 for s in ("sqp", "single") for k in levels}
+            for f in names.FORMS for w in (0.5, 1.0)
+        ],
+        "worse_for_somebody": [
+            {"event_id": f"01-{k:04d}-00100", "recording_id": 1, "form": names.FIXED, "accounting": names.EQUAL,
+             "who": names.target_follower(1 + k % 3), "loss_benchmark": 10.0, "loss_local": 10.0 + 0.1 * k,
+             "increase": 0.01 * k}
+            for k in range(1, 61)
+        ],
+    }  # fmt: skip
+    tables = {name: pd.DataFrame(rows) for name, rows in frames.items()}
+    return replace(StudyTables(**tables, pareto=pareto(), pareto_summary=pareto_summary()), **changes)
+
+
+def pareto() -> pd.DataFrame:
+    """Fronts of two events."""
+    rows = [
+        {"event_id": e, "recording_id": 1, "kind": kind, "point": k, "omega_av": w, "T": 5.0, "x_final": 140.0,
+         "v_end": 28.0, "loss_av": 20 + 0.5 * k, "loss_hv": 30 - 2 * np.sqrt(k), "knee": kind == FRONT and k == 3}
+        for e in ("01-0001-00107", "02-0002-00114")
+        for kind, w in ((FRONT, np.nan), (SWEEP, 0.5))
+        for k in range(8)
+    ]  # fmt: skip
+    return pd.DataFrame(rows)
+
+
+def pareto_summary() -> pd.DataFrame:
+    """One row an event of ``pareto``, the second without a knee."""
+    rows = [
+        {"event_id": e, "recording_id": 1, "n_front": 8, "evaluations": 4000, "hypervolume": 0.75,
+         "reference_av": 26.0, "reference_hv": 33.0, "hypervolume_sweep": 0.7625, "front_behind": 0.0005,
+         "front_ahead": 0.0, "knee_loss_av": knee, "knee_loss_hv": knee, "knee_omega_low": 0.25,
+         "knee_omega_high": 0.5}
+        for e, knee in (("01-0001-00107", 21.5), ("02-0002-00114", np.nan))
+    ]  # fmt: skip
+    return pd.DataFrame(rows)
