@@ -15,7 +15,7 @@ from highd_lc.io import artefacts
 from highd_lc.reporting import labels
 from highd_lc.reporting.event import Box, EventReport, Path, Play, Row
 from highd_lc.stages.event_plays import policy_plays, surrounding
-from highd_lc.stages.event_traces import fit_traces, loss_surface, track_traces
+from highd_lc.stages.event_traces import fit_traces, surface_of, track_traces
 from highd_lc.vocab import names
 from highd_lc.vocab.job import Job
 from highd_lc.vocab.scene import Scene
@@ -105,7 +105,7 @@ def event_report(event: Row, tables: RecordingTables, scene: Scene, settings: Va
         fit_traces=fit_traces(tracks, boxes, of_event["followers"]),
         tracking=of_event["tracking"],
         track_traces=track_traces(problem, of_event["plans"]),
-        surface=loss_surface(problem, of_event["plans"]),
+        surface=surface_of(problem, of_event["plans"]),
         provenance=tables.provenance,
     )
 

@@ -1,7 +1,6 @@
 """What lies behind an event's tables, computed again for drawing: loss surface, fits, tracking."""
 
-from collections.abc import Iterable, Mapping
-from typing import Final
+from collections.abc import Iterable, Iterator, Mapping
 
 import numpy as np
 import pandas as pd
@@ -9,7 +8,7 @@ from numpy.typing import NDArray
 
 from highd_lc.algorithms.following_window import RecordedMotion, following_track
 from highd_lc.algorithms.planner import FORM_OF, PlanningProblem
-from highd_lc.algorithms.pool import Pool
+from highd_lc.algorithms.surface import ON_SURFACE, SurfacePoint, loss_surface
 from highd_lc.algorithms.tracker import track
 from highd_lc.core.car_following import TIME_STEP, simulate
 from highd_lc.core.quintic import Quintic, sample
@@ -21,39 +20,18 @@ from highd_lc.vocab.tracking import KINEMATIC, Reference
 FloatArray = NDArray[np.float64]
 Tracks = Mapping[str, pd.DataFrame]
 
-_ON_SURFACE: Final = (names.CONSTANT, names.HUMAN, *names.FIXED_POLICIES)
-_OFFSETS: Final = 41
-_SMALLEST_HALF_WIDTH_M: Final = 12.0
+
+def surface_of(problem: PlanningProblem, plans: Iterable[Row]) -> Surface:
+    """The fixed form's loss surface about the plans' points, for drawing."""
+    drawn = loss_surface(problem, tuple(_points(problem, plans)))
+    return Surface(drawn.T, drawn.x_offset, drawn.loss_av, drawn.loss_hv, drawn.feasible)
 
 
-def loss_surface(problem: PlanningProblem, plans: Iterable[Row]) -> Surface:
-    """The fixed form's losses over every other T and x_final - v0 T, wide enough for the plans' points."""
-    n = problem.task.durations[::2]
-    x = np.linspace(-1.0, 1.0, _OFFSETS) * _half_width(problem, plans)
-    delta = np.tile(x, (n.size, 1))
-    pool = problem.task.simulate(n, delta, np.zeros_like(delta))
-    # Arrays are shared between accountings that charge a side over the same time.
-    av_T, av_H, hv_T, hv_H = (_table(pool, name, n.size) for name in ("av_T", "av_H", "hv_T", "hv_H"))
-    return Surface(
-        T=n * problem.scene.dt,
-        x_offset=x,
-        loss_av={names.PAPER: av_T, names.FOLLOWER_HORIZON: av_T, names.EQUAL: av_H},
-        loss_hv={names.PAPER: hv_T, names.FOLLOWER_HORIZON: hv_H, names.EQUAL: hv_H},
-        feasible={a: pool.feasible(a).reshape(n.size, -1) for a in names.ACCOUNTINGS},
-    )
-
-
-def _half_width(problem: PlanningProblem, plans: Iterable[Row]) -> float:
-    v0 = problem.scene.v0
-    offsets = [
-        abs(r["x_final"] - v0 * r["T"]) for r in plans if r["policy"] in _ON_SURFACE and np.isfinite(r["T"])
-    ]
-    return max([1.25 * offset for offset in offsets] + [_SMALLEST_HALF_WIDTH_M])
-
-
-def _table(pool: Pool, name: str, rows: int) -> FloatArray:
-    values = np.asarray(getattr(pool, name)).reshape(rows, -1)
-    return np.where(np.isfinite(values), values, np.nan)
+def _points(problem: PlanningProblem, plans: Iterable[Row]) -> Iterator[SurfacePoint]:
+    for row in plans:
+        if row["policy"] in ON_SURFACE and np.isfinite(row["T"]):
+            offset = row["x_final"] - problem.scene.v0 * row["T"]
+            yield SurfacePoint(row["policy"], row["accounting"], row["T"], offset)
 
 
 def fit_traces(tracks: Tracks, boxes: Mapping[str, Box], fits: Iterable[Row]) -> dict[int, FitTrace]:
