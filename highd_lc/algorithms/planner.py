@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 
@@ -42,7 +43,8 @@ class Plan:
 
     quintic: the plan, None for policies that follow no quintic and for infeasible ones. n: samples of T. replay:
     what happens, None if infeasible. rejected_by: rejected candidates by constraint; margins: in the
-    constraint's unit, of the plan or, when infeasible, the closest of any candidate.
+    constraint's unit, of the plan or, when infeasible, the closest of any candidate. delay_s: from t_start to the
+    start of the quintic [s]; gap: where the AV goes.
     """
 
     policy: str
@@ -54,6 +56,8 @@ class Plan:
     candidates: int = 0
     rejected_by: dict[str, int] = field(default_factory=dict)
     margins: dict[str, float] = field(default_factory=dict)
+    delay_s: float = 0.0
+    gap: str = names.RECORDED_GAP
 
     @property
     def at_bound(self) -> list[str]:
@@ -76,6 +80,11 @@ class PlanningProblem:
     def task(self) -> Task:
         """The search that this problem poses."""
         return Task(self.packed, self.terms, self.limit, self.settings.planner)
+
+    @cached_property
+    def pools(self) -> dict[str, Pool]:
+        """The candidates of each form, searched once."""
+        return search_pools(self)
 
 
 def pose(scene: Scene, settings: ValidateSettings) -> PlanningProblem:
@@ -105,8 +114,7 @@ def plan_all(problem: PlanningProblem) -> list[Plan]:
     plans = [plan for policy in names.REFERENCE_POLICIES for plan in reference_plans(problem, policy)]
     if overlap_at_start(problem):
         return plans + list(_infeasible_at_start(problem))
-    pools = search_pools(problem)
-    return plans + list(_optimal(problem, pools))
+    return plans + list(_optimal(problem, problem.pools))
 
 
 def goals(problem: PlanningProblem) -> list[Goal]:

@@ -1,13 +1,13 @@
 """The pool of simulated candidates: who is feasible, what each goal makes of them, which is best."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from highd_lc.algorithms.candidates import LossTerms, evaluate
 from highd_lc.algorithms.contacts import NO_CONTACT
-from highd_lc.algorithms.dynamics import Limits, violations
+from highd_lc.algorithms.dynamics import CONSTRAINTS, Limits, violations
 from highd_lc.algorithms.packing import PackedScene
 from highd_lc.core.losses import joint_objective
 from highd_lc.core.quintic import Quintic
@@ -16,6 +16,9 @@ from highd_lc.vocab.settings import PlannerSettings
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
+
+OVERTAKES = len(CONSTRAINTS) + 1
+"""Code of a violation beside those of ``dynamics``: the plan ends ahead of the leader of its gap."""
 
 
 @dataclass(frozen=True)
@@ -53,6 +56,10 @@ class Pool:
         pools = (self, *others)
         return Pool(*(np.concatenate([getattr(p, f) for p in pools]) for f in self.__dataclass_fields__))
 
+    def chosen(self, index: IntArray) -> "Pool":
+        """Some of the candidates."""
+        return Pool(*(getattr(self, f)[index] for f in self.__dataclass_fields__))
+
     def losses(self, accounting: str) -> tuple[FloatArray, FloatArray]:
         """Loss of the AV and of the followers under an accounting (SPEC section 4)."""
         if accounting == names.PAPER:
@@ -78,19 +85,36 @@ class Pool:
 
 
 @dataclass(frozen=True)
+class Before:
+    """What a manoeuvre that starts later inherits: losses of the AV and the followers charged before its start.
+
+    hv_passed: loss charged to the followers ahead of the gap, over 0 .. k of the manoeuvre's samples, shape
+    (N + 1,). latest: the longest duration that ends in time [samples].
+    """
+
+    av: float
+    hv: float
+    hv_passed: FloatArray
+    latest: int
+
+
+@dataclass(frozen=True)
 class Task:
-    """A search: the packed scene, its loss terms, dynamic limits and settings."""
+    """A search: the packed scene, its loss terms, dynamic limits and settings; before: only of a later start."""
 
     scene: PackedScene
     terms: LossTerms
     limit: Limits
     settings: PlannerSettings
+    before: Before | None = None
 
     @property
     def durations(self) -> IntArray:
         """The grid of T in samples."""
         dt = self.scene.dt
         last = min(round(self.settings.T_max / dt), len(self.scene.target_v) - 1)
+        if self.before is not None:
+            last = min(last, self.before.latest)
         return np.arange(round(self.settings.T_min / dt), last + 1)
 
     def seconds(self, n: IntArray) -> FloatArray:
@@ -106,7 +130,7 @@ class Task:
         """Candidates in rows of one duration each, as a flat pool; shapes as in ``evaluate``."""
         out = evaluate(n, delta, change, self.scene, self.terms)
         codes = violations(self.seconds(n), delta, change, self.scene.v0, self.scene.D, self.limit)
-        return Pool(
+        pool = Pool(
             n=np.repeat(n, delta.shape[1]),
             delta=delta.ravel(),
             change=change.ravel(),
@@ -117,4 +141,18 @@ class Task:
             contact=out.contact.ravel(),
             role=out.role.ravel(),
             violation=codes.ravel(),
+        )
+        return pool if self.before is None else self._of_later_start(pool, self.before)
+
+    def _of_later_start(self, pool: Pool, before: Before) -> Pool:
+        """The pool with the losses before its start, without the plans that end ahead of the gap's leader."""
+        front = self.scene.length / 2.0 + self.scene.v0 * self.seconds(pool.n) + pool.delta
+        overtakes = (pool.violation == 0) & (front >= self.scene.target_front[pool.n])
+        return replace(
+            pool,
+            av_T=pool.av_T + before.av,
+            av_H=pool.av_H + before.av,
+            hv_T=pool.hv_T + before.hv + before.hv_passed[pool.n],
+            hv_H=pool.hv_H + before.hv + before.hv_passed[-1],
+            violation=np.where(overtakes, OVERTAKES, pool.violation),
         )

@@ -37,13 +37,13 @@ Row = tuple[int, int, int]
 
 def refine(task: Task, pool: Pool, goals: list[Goal], *, free: bool) -> Pool:
     """The pool with finer candidates about the best of each goal: basins, then durations, then the last digits."""
-    pool = _zoom(task, pool, goals, _basins(task, pool, goals), free=free)
+    pool = zoom(task, pool, goals, _basins(task, pool, goals), free=free)
     explored: set[int] = set()
     while rows := _neighbours(task, pool, goals, explored):
-        pool = _zoom(task, pool, goals, rows, free=free)
+        pool = zoom(task, pool, goals, rows, free=free)
     best = [(g, pool.best(goal)) for g, goal in enumerate(goals)] if len(pool) else []
     last = [(int(pool.n[i]), i, g) for g, i in best if i is not None]
-    return _zoom(task, pool, goals, last, free=free, finest=True)
+    return zoom(task, pool, goals, last, free=free, finest=True)
 
 
 def possible_durations(task: Task) -> IntArray:
@@ -128,7 +128,7 @@ def _best_of_basins(pool: Pool, objective: FloatArray, count: int) -> list[int]:
     return list(dict.fromkeys(chosen))
 
 
-def _zoom(task: Task, pool: Pool, goals: list[Goal], rows: list[Row], *, free: bool, finest: bool = False) -> Pool:
+def zoom(task: Task, pool: Pool, goals: list[Goal], rows: list[Row], *, free: bool, finest: bool = False) -> Pool:
     """The pool with ever finer grids about each row's best candidate so far.
 
     finest: go on where the first levels have ended.

@@ -38,10 +38,19 @@ class AvMotion:
 
 
 @dataclass(frozen=True)
+class HandOver:
+    """A follower that gets a new leader at a sample: the step of its command there is not counted."""
+
+    follower: int
+    sample: int
+
+
+@dataclass(frozen=True)
 class Replay:
     """What happens: the AV's motion, the followers' x (box centre) [m], v [m/s] and commanded a [m/s^2] of shape
     (p, N + 1), and for each obstacle (order of ``packing.obstacle_roles``) the smallest clearance [m] over
-    0 .. T, and over the samples after T; infinite where an obstacle does not count.
+    0 .. T, and over the samples after T; infinite where an obstacle does not count. hand_over: of a manoeuvre that
+    starts later than at t_start, whose insertion has no step by itself.
     """
 
     av: AvMotion
@@ -50,6 +59,7 @@ class Replay:
     a: FloatArray
     clearance_to_T: FloatArray
     clearance_after_T: FloatArray
+    hand_over: HandOver | None = None
 
 
 def plan_motion(plan: Quintic, scene: PackedScene) -> AvMotion:

@@ -51,10 +51,13 @@ def cumulative_losses(replay: Replay, terms: LossTerms, settings: LossSettings, 
     """Cumulative losses of a replayed motion."""
     av_speed = np.hypot(replay.av.vx, replay.av.vy)
     one_sided = terms.one_sided
+    jerk = command_jerk(replay.a, dt)
+    if replay.hand_over is not None:
+        jerk[replay.hand_over.follower, replay.hand_over.sample] = 0.0
     return CumulativeLosses(
         cumulative_comfort(replay.av.jerk, scale=settings.comfort_scale),
         cumulative_efficiency(av_speed, terms.av_ref, scale=settings.efficiency_scale, one_sided=one_sided),
-        cumulative_comfort(command_jerk(replay.a, dt), scale=settings.comfort_scale),
+        cumulative_comfort(jerk, scale=settings.comfort_scale),
         follower_efficiency(replay.v, terms, settings),
     )
 

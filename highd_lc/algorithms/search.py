@@ -29,9 +29,12 @@ def search(task: Task, goals: list[Goal], *, known: Pool | None = None) -> Pool:
     known: the pool of the fixed form, for a search with a free end speed; without it the form is fixed.
     """
     free = known is not None
-    pool = _grid(task, free, 1)
+    n = possible_durations(task)
+    if free and len(n):
+        n = n[np.unique(np.linspace(0, len(n) - 1, min(task.settings.T_nodes_free, len(n))).astype(int))]
+    pool = grid(task, n, free=free)
     if _tight(pool, goals):
-        pool = pool.joined(_grid(task, free, _DENSER))
+        pool = pool.joined(grid(task, n, free=free, denser=_DENSER))
     pool = refine(task, pool, goals, free=free)
     return pool if known is None else known.joined(pool)
 
@@ -42,10 +45,8 @@ def _tight(pool: Pool, goals: list[Goal]) -> bool:
     return bool(min(shares) < _TIGHT)
 
 
-def _grid(task: Task, free: bool, denser: int) -> Pool:
-    n = possible_durations(task)
-    if free and len(n):
-        n = n[np.unique(np.linspace(0, len(n) - 1, min(task.settings.T_nodes_free, len(n))).astype(int))]
+def grid(task: Task, n: IntArray, *, free: bool, denser: int = 1) -> Pool:
+    """Plans of the durations n [samples] on the nodes of the settings, ``denser`` times as many over x_final."""
     T = task.seconds(n)[:, None, None]
     change = _changes(task, T, free)
     low, high = forward_interval(T, change, task.scene.v0, task.limit)

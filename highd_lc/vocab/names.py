@@ -23,15 +23,35 @@ BENCHMARK: Final = "benchmark"
 LOCAL_OPTIMUM: Final = "local_optimum"
 BENCHMARK_FREE: Final = "benchmark_free"
 LOCAL_OPTIMUM_FREE: Final = "local_optimum_free"
+BENCHMARK_START: Final = "benchmark_start"
+LOCAL_OPTIMUM_START: Final = "local_optimum_start"
+BENCHMARK_FREE_START: Final = "benchmark_free_start"
+LOCAL_OPTIMUM_FREE_START: Final = "local_optimum_free_start"
 REFERENCE_POLICIES: Final = (NO_LANE_CHANGE, CONSTANT, HUMAN)
 FIXED_POLICIES: Final = (BENCHMARK, LOCAL_OPTIMUM)
 FREE_POLICIES: Final = (BENCHMARK_FREE, LOCAL_OPTIMUM_FREE)
-POLICIES: Final = REFERENCE_POLICIES + FIXED_POLICIES + FREE_POLICIES
+START_POLICIES: Final = (BENCHMARK_START, LOCAL_OPTIMUM_START)
+FREE_START_POLICIES: Final = (BENCHMARK_FREE_START, LOCAL_OPTIMUM_FREE_START)
+POLICIES: Final = REFERENCE_POLICIES + FIXED_POLICIES + FREE_POLICIES + START_POLICIES + FREE_START_POLICIES
 
 # Forms of the plan: end speed equal to the start speed, or free (SPEC section 2).
 FIXED: Final = "fixed"
 FREE: Final = "free"
 FORMS: Final = (FIXED, FREE)
+# The same, with the moment of the start and the gap as further unknowns.
+START: Final = "start"
+FREE_START: Final = "free_start"
+START_FORMS: Final = (START, FREE_START)
+
+# Gaps on the target lane: the recorded one, behind a follower that passes, ahead of the target leader.
+RECORDED_GAP: Final = "recorded"
+GAP_AHEAD: Final = f"ahead_of_{TARGET_LEADER}"
+
+
+def gap_behind(rank: int) -> str:
+    """The gap behind the follower of that rank on the target lane."""
+    return f"behind_{target_follower(rank)}"
+
 
 # Accountings: over which time each side is charged (SPEC section 4).
 PAPER: Final = "paper"

@@ -181,6 +181,21 @@ class PlannerSettings(Section):
     zoom_levels: Annotated[int, Field(ge=2, le=20, description="refinements of x_final (fixed form)")] = 3
     zoom_levels_free: Annotated[int, Field(ge=2, le=20, description="refinements of x_final and v_end")] = 5
     free_form: Annotated[bool, Field(description="plan with a free end speed as well")] = True
+    max_delay_s: Annotated[
+        float, Field(ge=0, le=30, description="longest wait before the manoeuvre [s]")
+    ] = 5.0
+    waiting: Annotated[
+        Literal["constant", "lcm"],
+        Field(description="the waiting AV: constant speed, or LCM behind the origin leader (Table 3 means)"),
+    ] = "constant"
+    latest_end_s: Annotated[
+        float,
+        Field(
+            ge=2,
+            le=60,
+            description="end of a delayed manoeuvre at the latest [s from t_start]: what follows it stays in view",
+        ),
+    ] = 10.0
     after: Annotated[
         Literal["lcm", "constant"],
         Field(description="the AV's drive after T: LCM behind the target leader, or constant"),

@@ -1,0 +1,157 @@
+"""Plans of the policies that choose when to start and into which gap, and what happens under them."""
+
+from collections.abc import Iterator, Mapping
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from highd_lc.algorithms import dynamics
+from highd_lc.algorithms.planner import (
+    Plan,
+    PlanningProblem,
+    clearance_margins,
+    closest_margins,
+    goals,
+    overlap_at_start,
+)
+from highd_lc.algorithms.pool import OVERTAKES, Goal, Pool
+from highd_lc.algorithms.replay import AvMotion, HandOver, Replay, clearances, drive_on, follow, plan_motion
+from highd_lc.algorithms.start_search import (
+    CONTAINED,
+    Key,
+    StartProblem,
+    best_of,
+    pose_starts,
+    search_starts,
+)
+from highd_lc.core.quintic import Quintic
+from highd_lc.vocab import names
+
+FloatArray = NDArray[np.float64]
+
+FORM_OF_START = {
+    names.BENCHMARK_START: names.START,
+    names.LOCAL_OPTIMUM_START: names.START,
+    names.BENCHMARK_FREE_START: names.FREE_START,
+    names.LOCAL_OPTIMUM_FREE_START: names.FREE_START,
+}
+_BENCHMARKS = (names.BENCHMARK_START, names.BENCHMARK_FREE_START)
+
+StartPools = Mapping[Key, Pool]
+
+
+def plan_starts(problem: PlanningProblem) -> list[Plan]:
+    """The plans of every policy that chooses its start, under every accounting.
+
+    An event whose ellipses overlap at t_start already gives plans with that status.
+    """
+    policies = [q for q in FORM_OF_START if _planned(problem, FORM_OF_START[q])]
+    if overlap_at_start(problem):
+        status = names.INFEASIBLE_AT_START
+        return [Plan(policy, accounting, status) for policy in policies for accounting in names.ACCOUNTINGS]
+    posed = pose_starts(problem)
+    pools = start_pools(posed, goals(problem))
+    return [plan for policy in policies for plan in _plans(posed, policy, pools[FORM_OF_START[policy]])]
+
+
+def _planned(problem: PlanningProblem, form: str) -> bool:
+    return form == names.START or problem.settings.planner.free_form
+
+
+def start_pools(posed: StartProblem, wanted: list[Goal]) -> dict[str, dict[Key, Pool]]:
+    """The candidates of each form; those of the fixed form are part of the free one."""
+    known = posed.problem.pools
+    found = {names.START: search_starts(posed, wanted, {CONTAINED: known[names.FIXED]}, free=False)}
+    if _planned(posed.problem, names.FREE_START):
+        fixed = found[names.START]
+        known_free = fixed | {CONTAINED: fixed[CONTAINED].joined(known[names.FREE])}
+        found[names.FREE_START] = search_starts(posed, wanted, known_free, free=True)
+    return found
+
+
+def _plans(posed: StartProblem, policy: str, pools: StartPools) -> Iterator[Plan]:
+    omega = 1.0 if policy in _BENCHMARKS else posed.problem.settings.loss.omega_av
+    for accounting in names.ACCOUNTINGS:
+        yield _best_plan(posed, pools, Goal(accounting, omega), policy)
+
+
+def _best_plan(posed: StartProblem, pools: StartPools, goal: Goal, policy: str) -> Plan:
+    count, rejected = _rejections(posed, pools, goal.accounting)
+    best = best_of(pools, goal)
+    plan = partial(Plan, policy, goal.accounting, candidates=count, rejected_by=rejected)
+    if best is None:
+        margin = closest_margins(posed.problem, pools[CONTAINED], goal.accounting)
+        return plan(status=names.INFEASIBLE, margins=margin)
+    quintic = _quintic(posed, pools, best.key, best.index)
+    played = replay_start(posed, best.key, quintic)
+    margin = dynamics.margins(quintic, posed.task(best.key).limit)
+    return plan(
+        status=names.SOLVED,
+        quintic=quintic,
+        replay=played,
+        objective=best.objective,
+        margins=margin | clearance_margins(posed.problem, played, goal.accounting),
+        delay_s=round(best.key[1] * posed.problem.packed.dt, 10),
+        gap=posed.gaps[best.key[0]].name,
+    )
+
+
+def _quintic(posed: StartProblem, pools: StartPools, key: Key, index: int) -> Quintic:
+    pool = pools[key]
+    return posed.task(key).quintic(int(pool.n[index]), float(pool.delta[index]), float(pool.change[index]))
+
+
+def _rejections(posed: StartProblem, pools: StartPools, accounting: str) -> tuple[int, dict[str, int]]:
+    """Candidates simulated, and how many each constraint rejected, at all starts together."""
+    codes = np.concatenate([pool.violation for pool in pools.values()])
+    touched = np.concatenate(
+        [pool.role[(pool.violation == 0) & ~pool.feasible(accounting)] for pool in pools.values()]
+    )
+    by_code = np.bincount(codes, minlength=OVERTAKES + 1)
+    by_role = np.bincount(touched, minlength=len(posed.problem.roles))
+    found = {name: int(by_code[i + 1]) for i, name in enumerate(dynamics.CONSTRAINTS)}
+    found["overtakes_leader"] = int(by_code[OVERTAKES])
+    found |= {f"clearance_{role}": int(c) for role, c in zip(posed.problem.roles, by_role, strict=True)}
+    return len(codes), found
+
+
+def key_of(posed: StartProblem, gap: str, delay_s: float) -> Key:
+    """The start with that gap and delay, as they stand in ``plans``."""
+    numbers = {one.name: i for i, one in enumerate(posed.gaps)}
+    return numbers[gap], round(delay_s / posed.problem.packed.dt)
+
+
+def replay_start(posed: StartProblem, key: Key, quintic: Quintic) -> Replay:
+    """Everybody over 0 .. H: the wait, the manoeuvre into the gap, the drive after it.
+
+    Followers are those of the event, nearest first, whatever the gap.
+    """
+    gap, d = posed.gaps[key[0]], key[1]
+    av = _av_motion(posed, key, quintic)
+    scene = gap.delayed(d, posed.waiting)
+    x0 = float(posed.waiting.av.x[d])
+    later = [np.empty((len(gap.x), len(av.x) - d)) for _ in range(3)]
+    insertion = av.crossing - d if scene.from_crossing else 0
+    follow(av.x[d:] - x0 + scene.length / 2.0, av.vx[d:], insertion, scene, *later)
+    later[0] += x0
+    behind = [np.hstack([b[:, :d], m]) for b, m in zip((gap.x, gap.v, gap.a), later, strict=True)]
+    to_T, after_T = clearances(av.x, av.y, av.vx, av.vy, av.n, av.crossing, gap.scene, behind[0])
+    ahead = (posed.waiting.x, posed.waiting.v, posed.waiting.a)
+    x, v, a = (np.vstack([w[: gap.passed], m[gap.rows]]) for w, m in zip(ahead, behind, strict=True))
+    handed = d > 0 and not scene.from_crossing and gap.name != names.GAP_AHEAD
+    return Replay(av, x, v, a, to_T, after_T, HandOver(gap.passed, d) if handed else None)
+
+
+def _av_motion(posed: StartProblem, key: Key, quintic: Quintic) -> AvMotion:
+    """The AV over 0 .. H; x from its place at t_start."""
+    gap, d, waited = posed.gaps[key[0]], key[1], posed.waiting.av
+    planned = plan_motion(quintic, gap.delayed(d, posed.waiting))
+    columns = {
+        name: np.concatenate([getattr(waited, name)[:d], getattr(planned, name)])
+        for name in ("x", "y", "vx", "vy", "ax", "jerk")
+    }
+    columns["x"][d:] += waited.x[d]
+    av = AvMotion(**columns, n=d + planned.n, crossing=d + planned.crossing)
+    drive_on(av.x, av.y, av.vx, av.ax, av.jerk, av.n, gap.scene)
+    return av
