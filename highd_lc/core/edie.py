@@ -79,6 +79,19 @@ def trajectories_of(t: FloatArray, x: FloatArray) -> Trajectories:
     return Trajectories(np.tile(t, p), np.ascontiguousarray(x).ravel(), np.arange(p + 1) * n)
 
 
+def trajectories_of_rows(vehicle: IntArray, t: FloatArray, x: FloatArray, *, longest_step: float) -> Trajectories:
+    """Trajectories of a recording's rows in any order, each row a vehicle's position at a time.
+
+    vehicle: ids, t [s], x [m], each of shape (n,). Where a vehicle is missing for more than longest_step [s] (left
+    out by the caller because it was on another lane, say), its trajectory ends and another one begins.
+    """
+    order = np.lexsort((t, vehicle))
+    vehicle, t, x = vehicle[order], t[order].astype(np.float64), x[order].astype(np.float64)
+    breaks = (np.diff(vehicle) != 0) | (np.diff(t) > longest_step)
+    starts = np.concatenate([[0], np.flatnonzero(breaks) + 1, [len(t)]]) if len(t) else np.zeros(1, np.int64)
+    return Trajectories(t, x, starts)
+
+
 def clip_to_grid(tracks: Trajectories, *, x_edges: FloatArray, t_edges: FloatArray) -> Cells:
     """Distance and time of all vehicles in the cells of a grid.
 

@@ -8,7 +8,11 @@ import matplotlib
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import BoundaryNorm, ListedColormap
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
 from highd_lc.algorithms.platoon import Platoon, time_headways
@@ -88,9 +92,6 @@ def _rank_colour(i: int, count: int) -> Any:
 
 
 def _rank_key(figure: Figure, axes: Any, count: int) -> None:
-    from matplotlib.cm import ScalarMappable
-    from matplotlib.colors import BoundaryNorm, ListedColormap
-
     colours = ListedColormap([_rank_colour(i, count) for i in range(count)])
     norm = BoundaryNorm(np.arange(0.5, count + 1), count)
     bar = figure.colorbar(ScalarMappable(norm, colours), ax=axes, pad=0.01, aspect=60, ticks=range(1, count + 1))
@@ -140,16 +141,16 @@ def loss_figure(cells: pd.DataFrame, *, printed: Mapping[str, PrintedLosses]) ->
     cells: rows of ``scenario_cells`` of scenario 1, default variant. A bar is half of comfort and efficiency each;
     the paper's two bars stand in a panel of their own.
     """
-    figure, axes = panels(9.4, 3.4, columns=4, sharey=False)
+    figure, axes = panels(9.4, 3.4, columns=4, sharey=True)
     _printed_bars(axes[0, 0], printed)
     for one, accounting in zip(axes[0, 1:], names.ACCOUNTINGS, strict=True):
         rows = cells[cells["accounting"] == accounting]
         for x, (form, omega) in enumerate((f, o) for f in names.FORMS for o in (1.0, 0.5)):
             _stack(one, x, rows[(rows["form"] == form) & (rows["omega_av"] == omega)])
         one.set_xticks(range(4), ["bench.", "local", "bench.\nfree", "local\nfree"])
-        label(one, title=labels.ACCOUNTING_NAMES[accounting], grid="y")
+        label(one, title=_accounting(accounting), grid="y")
     axes[0, 0].set_ylabel("loss (normalised)", fontsize=SIZE, color=QUIET)
-    handles = [matplotlib.patches.Patch(color=colour, label=text) for _, text, colour in _PARTS]
+    handles = [Patch(color=colour, label=text) for _, text, colour in _PARTS]
     figure.legend(handles=handles, loc="outside lower center", ncols=4, **LEGEND)
     return figure
 
@@ -184,7 +185,7 @@ def weight_figure(cells: pd.DataFrame, *, printed: Mapping[float, PrintedLosses]
 
     cells: rows of ``scenario_cells`` of scenario 1, default variant; printed: the paper's points by weight.
     """
-    figure, axes = panels(9.4, 3.4, columns=3)
+    figure, axes = panels(9.4, 3.6, columns=3, sharey=True)
     quantities = (("loss_av", "AV", "#0072B2"), ("loss_hv", "followers", "#D55E00"), ("loss_total", "total", INK))
     for one, accounting in zip(axes[0], names.ACCOUNTINGS, strict=True):
         for form, style in ((names.FIXED, "-"), (names.FREE, "--")):
@@ -200,11 +201,11 @@ def weight_figure(cells: pd.DataFrame, *, printed: Mapping[float, PrintedLosses]
             ):
                 one.plot(omega, value, "D", ms=5.5, mfc="none", mec=colour, mew=1.3, clip_on=False)
         one.set_ylim(bottom=0)
-        label(one, title=labels.ACCOUNTING_NAMES[accounting], x="weight of the AV, omega_AV")
+        label(one, title=_accounting(accounting), x="weight of the AV, omega_AV")
     axes[0, 0].set_ylabel("loss (normalised)", fontsize=SIZE, color=QUIET)
     handles, texts = axes[0, 0].get_legend_handles_labels()
-    free = matplotlib.lines.Line2D([], [], color=QUIET, ls="--")
-    paper = matplotlib.lines.Line2D([], [], color=QUIET, marker="D", mfc="none", ls="none")
+    free = Line2D([], [], color=QUIET, ls="--")
+    paper = Line2D([], [], color=QUIET, marker="D", mfc="none", ls="none")
     figure.legend(
         [*handles, free, paper],
         [*texts, "free end speed", "paper"],
@@ -216,24 +217,33 @@ def weight_figure(cells: pd.DataFrame, *, printed: Mapping[float, PrintedLosses]
 
 
 def printed_state_figure(cells: pd.DataFrame, *, printed: Mapping[str, PrintedLosses]) -> Figure:
-    """Losses of scenario 3 over the speed of the AV, which is not printed; one panel an accounting.
+    """Losses of scenario 3 over the speed of the AV, which is not printed: a row a form, a column an accounting.
 
-    cells: rows of ``scenario_cells`` of scenario 3, end speed fixed. Horizontal lines: the printed totals.
+    cells: rows of ``scenario_cells`` of scenario 3. Horizontal lines: the printed totals.
     """
-    figure, axes = panels(9.4, 3.4, columns=3, sharey=True)
-    for one, accounting in zip(axes[0], names.ACCOUNTINGS, strict=True):
-        for policy, omega in zip(PAIR, (1.0, 0.5), strict=True):
-            rows = cells[(cells["accounting"] == accounting) & (cells["omega_av"] == omega)].sort_values("v_start")
-            style = "--" if policy == names.BENCHMARK else "-"
-            one.plot(
-                rows["v_start"], rows["loss_total"], style, color=_COLOUR[policy], lw=1.8, label=_LABEL[policy]
-            )
-            total = printed[policy].av + printed[policy].hv
-            one.axhline(total, color=_COLOUR[policy], lw=0.9, ls=":")
-        label(one, title=labels.ACCOUNTING_NAMES[accounting], x="speed of the AV at t_start [m/s]")
-        one.set_ylim(bottom=0)
-    axes[0, 0].set_ylabel("total loss (normalised)", fontsize=SIZE, color=QUIET)
+    figure, axes = panels(9.4, 5.2, rows=2, columns=3, sharex=True, sharey=True)
+    for row, form in enumerate(names.FORMS):
+        for one, accounting in zip(axes[row], names.ACCOUNTINGS, strict=True):
+            chosen = cells[(cells["form"] == form) & (cells["accounting"] == accounting)]
+            _totals_over_speed(one, chosen, printed)
+            label(one, title=f"{labels.FORMS[form]}, {_accounting(accounting).lower()}")
+        label(axes[row, 0], title=axes[row, 0].get_title(loc="left"), y="total loss (normalised)")
+    for one in axes[-1]:
+        one.set_xlabel("speed of the AV at t_start [m/s]", fontsize=SIZE, color=QUIET)
+    axes[0, 0].set_ylim(bottom=0)
     handles, texts = axes[0, 0].get_legend_handles_labels()
-    dotted = matplotlib.lines.Line2D([], [], color=QUIET, ls=":")
+    dotted = Line2D([], [], color=QUIET, ls=":")
     figure.legend([*handles, dotted], [*texts, "printed"], loc="outside lower center", ncols=3, **LEGEND)
     return figure
+
+
+def _totals_over_speed(axes: Axes, cells: pd.DataFrame, printed: Mapping[str, PrintedLosses]) -> None:
+    for policy, omega in zip(PAIR, (1.0, 0.5), strict=True):
+        rows = cells[cells["omega_av"] == omega].sort_values("v_start")
+        style = "--" if policy == names.BENCHMARK else "-"
+        axes.plot(rows["v_start"], rows["loss_total"], style, color=_COLOUR[policy], lw=1.8, label=_LABEL[policy])
+        axes.axhline(printed[policy].av + printed[policy].hv, color=_COLOUR[policy], lw=0.9, ls=":")
+
+
+def _accounting(name: str) -> str:
+    return f"Accounting {labels.ACCOUNTING_NAMES[name].lower()}"

@@ -9,6 +9,7 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.colors import TwoSlopeNorm
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 from matplotlib.patches import Rectangle
 from numpy.typing import NDArray
 
@@ -105,6 +106,37 @@ def rectangle_figure(stories: Mapping[str, Story], windows: Mapping[str, Window]
     return figure
 
 
+@dataclass(frozen=True)
+class LaneState:
+    """Edie's measures on a lane: flow [veh/h], speed [km/h], density [veh/km], shape (space cells, time cells).
+
+    ego: t [s] and x [m] of the vehicle that changes lane; t = 0 is its crossing.
+    """
+
+    x_edges: FloatArray
+    t_edges: FloatArray
+    flow: FloatArray
+    speed: FloatArray
+    density: FloatArray
+    ego: tuple[FloatArray, FloatArray]
+
+
+def lane_state_figure(state: LaneState) -> Figure:
+    """Flow, speed and density of the target lane around a recorded lane change."""
+    figure, axes = panels(9.4, 3.4, columns=3, sharey=True)
+    shown = (("flow [veh/h]", state.flow), ("speed [km/h]", state.speed), ("density [veh/km]", state.density))
+    for one, (text, values) in zip(axes[0], shown, strict=True):
+        image = _map(one, SpeedMap(state.x_edges, state.t_edges, values), cmap="viridis")
+        one.plot(*state.ego, color="white", lw=3.2)
+        one.plot(*state.ego, color=INK, lw=1.6)
+        one.axvline(0.0, color=INK, lw=0.8, ls=":")
+        one.set_xlim(state.t_edges[0], state.t_edges[-1])
+        label(one, title=text, x="time after the crossing [s]", grid="none")
+        colour_bar(figure, image, one, "")
+    axes[0, 0].set_ylabel("x along the section [m]", fontsize=SIZE, color=QUIET)
+    return figure
+
+
 def growth_figure(stability: pd.DataFrame, growth: pd.DataFrame) -> Figure:
     """String stability over speed, and how far up the platoon each policy's disturbance reaches.
 
@@ -129,7 +161,7 @@ def growth_figure(stability: pd.DataFrame, growth: pd.DataFrame) -> Figure:
         one.set_xticks([], minor=True)
         label(one, title=_growth_title(scenario), x="follower HV", y="drop below the lasting speed [m/s]")
     handles, texts = first.get_legend_handles_labels()
-    lines = [_line("--", "benchmark"), _line("-", "local optimum")]
+    lines = [Line2D([], [], color=QUIET, ls=style) for style in ("--", "-")]
     figure.legend(
         [*handles, *lines], [*texts, "benchmark", "local optimum"], loc="outside lower center", ncols=4, **LEGEND
     )
@@ -139,9 +171,3 @@ def growth_figure(stability: pd.DataFrame, growth: pd.DataFrame) -> Figure:
 def _growth_title(scenario: str) -> str:
     speed = "25" if scenario == "1" else scenario.removeprefix("2_")
     return f"AV at {speed} m/s before a platoon at 25 m/s"
-
-
-def _line(style: str, text: str) -> Any:
-    from matplotlib.lines import Line2D
-
-    return Line2D([], [], color=QUIET, ls=style, label=text)

@@ -6,7 +6,9 @@ from typing import Final
 import pandas as pd
 from markupsafe import Markup
 
+from highd_lc.core.edie import edie
 from highd_lc.reporting import html, labels
+from highd_lc.reporting.labels import RECORDED
 from highd_lc.reporting.overview import Column, Section, TableView, table_view
 from highd_lc.reporting.pages_scenarios import Picture, Words, claim_counts, picture_section, scenario_words
 from highd_lc.vocab.scenarios import ScenarioSettings
@@ -59,6 +61,12 @@ WORDS: Final = {
         "give the printed weights (ledger, arithmetic).",
         "Total loss of both policies over the speed of the AV under three accountings.",
     ),
+    "recorded": Words(
+        "A real lane change: Edie's measures on the target lane",
+        "The recorded lane change with most followers in the work folder. The line is the vehicle that changes "
+        "lane, the dotted one its crossing; cells that nobody entered are white.",
+        "Flow, speed and density of the target lane over space and time around a recorded lane change.",
+    ),
     "growth": Words(
         "String stability, and how far up the platoon the local optimum helps",
         "Top left: amplification of a speed oscillation from vehicle to vehicle, linearised at equilibrium. The "
@@ -108,7 +116,13 @@ def ledger_lead(frames: Frames) -> list[str]:
 
 def section_of(picture: Picture, frames: Frames) -> Section:
     """The section of a figure with the tables that belong to it."""
-    makers = {"followers": _tracking, "rectangle": _traffic, "speed_maps": _waves, "growth": _reach}
+    makers = {
+        "followers": _tracking,
+        "rectangle": _traffic,
+        "speed_maps": _waves,
+        "growth": _reach,
+        "recorded": _recorded,
+    }
     shown, folded = makers[picture.name](frames) if picture.name in makers else ([], [])
     return picture_section(picture, shown, folded)
 
@@ -184,7 +198,38 @@ def _traffic(frames: Frames) -> Tables:
     )
 
 
+def _recorded(frames: Frames) -> Tables:
+    """The traffic state before and after the crossing, totals over the lane; the wave's speed."""
+    cells = frames["recorded_state"]
+    rows = []
+    for text, part in (("before the crossing", cells["t_from_s"] < 0.0), ("after it", cells["t_from_s"] >= 0.0)):
+        chosen = cells[part]
+        sizes = (chosen["x_to_m"] - chosen["x_from_m"]) * (chosen["t_to_s"] - chosen["t_from_s"])
+        flow, speed, density = edie(*(float(v.sum()) for v in (chosen["distance_m"], chosen["time_s"], sizes)))
+        rows.append({"when": text, "flow": flow, "speed": speed, "density": density})
+    columns = (
+        Column("when", "Target lane"),
+        Column("flow", "Flow", "veh/h", 0),
+        Column("speed", "Speed", "km/h", 1),
+        Column("density", "Density", "veh/km", 1),
+    )
+    state = table_view(pd.DataFrame(rows), columns, f"Event {cells['event_id'].iloc[0]}, all cells together")
+    wave = frames["waves"][frames["waves"]["policy"] == RECORDED]
+    return [
+        state,
+        _wave_table(wave.assign(policy="recorded"), "Shock wave from the ego through its followers"),
+    ], []
+
+
 def _waves(frames: Frames) -> Tables:
+    caption = (
+        "Speed of the shock wave along the road by cross-correlation from follower to follower, 95 % bootstrap "
+        "interval over the pairs; positive = it is carried downstream."
+    )
+    return [_wave_table(_worded(frames["waves"][frames["waves"]["policy"] != RECORDED]), caption)], []
+
+
+def _wave_table(rows: pd.DataFrame, caption: str) -> TableView:
     columns = (
         Column("scenario", "Scenario"),
         Column("policy", "Policy"),
@@ -195,11 +240,7 @@ def _waves(frames: Frames) -> Tables:
         Column("correlation", "Correlation", digits=3),
         Column("status", "Status"),
     )
-    caption = (
-        "Speed of the shock wave along the road by cross-correlation from follower to follower, 95 % bootstrap "
-        "interval over the pairs; positive = it is carried downstream."
-    )
-    return [table_view(_worded(frames["waves"]), columns, caption)], []
+    return table_view(rows, columns, caption)
 
 
 REACH_MPS: Final = 0.05

@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 
 from highd_lc.algorithms import scenario_growth
 from highd_lc.algorithms.platoon import Platoon
@@ -24,7 +25,7 @@ from highd_lc.algorithms.scenario_run import (
     plan_situation,
 )
 from highd_lc.algorithms.scenario_tracking import tracking_rows
-from highd_lc.algorithms.shock_wave import wave_speed
+from highd_lc.algorithms.shock_wave import WaveSpeed, wave_speed
 from highd_lc.core.edie import edie
 from highd_lc.reporting.figures_scenarios import Story
 from highd_lc.vocab import names
@@ -32,6 +33,7 @@ from highd_lc.vocab import published as paper
 from highd_lc.vocab.scenarios import ScenarioSettings
 from highd_lc.vocab.tables import TABLES
 
+FloatArray = NDArray[np.float64]
 Row = dict[str, Any]
 
 _WAVE_SECONDS = 120.0
@@ -66,12 +68,23 @@ def story_of(planned: Planned, settings: ScenarioSettings) -> Story:
 
 
 def scenario_frames(
-    planned: list[Planned], stories: dict[str, Story], settings: ScenarioSettings, *, threads: int
+    planned: list[Planned],
+    stories: dict[str, Story],
+    settings: ScenarioSettings,
+    *,
+    fitted: FloatArray,
+    threads: int,
 ) -> dict[str, pd.DataFrame]:
-    """All tables but the sweep, by name. threads: over the variants."""
+    """All tables but the sweep and the recordings', by name.
+
+    fitted: LCM parameters of drivers fitted to recordings, shape (n, 6), n = 0 if there are none; threads: over
+    the variants.
+    """
     cells = rows_of_variants(settings, threads=threads) + rows_of_printed_state(settings)
     book = Book.of(cells, settings)
     drivers = scenario_growth.published_drivers()
+    if len(fitted):
+        drivers[f"fitted ({len(fitted)} followers)"] = fitted
     rows: dict[str, Iterable[Row]] = {
         "scenario_cells": cells,
         "ledger": ledger_rows(book),
@@ -142,22 +155,23 @@ def wave_rows(stories: dict[str, Story], settings: ScenarioSettings) -> list[Row
         for policy, platoon in story.platoons.items():
             rng = np.random.default_rng([settings.seed, number])
             found = wave_speed(*_disturbance(platoon, story.unchanged), dt=settings.vehicle.dt_s, rng=rng)
-            rows.append(
-                {
-                    "scenario": story.key,
-                    "policy": policy,
-                    "speed_mps": found.speed,
-                    "low_mps": found.low,
-                    "high_mps": found.high,
-                    "pairs": found.pairs,
-                    "correlation": found.correlation,
-                    "status": found.status,
-                }
-            )
+            rows.append({"scenario": story.key, "policy": policy, **wave_columns(found)})
     return rows
 
 
-def _disturbance(platoon: Platoon, unchanged: Platoon) -> tuple[np.ndarray, np.ndarray]:
+def wave_columns(wave: WaveSpeed) -> Row:
+    """An estimated wave as columns of ``waves``."""
+    return {
+        "speed_mps": wave.speed,
+        "low_mps": wave.low,
+        "high_mps": wave.high,
+        "pairs": wave.pairs,
+        "correlation": wave.correlation,
+        "status": wave.status,
+    }
+
+
+def _disturbance(platoon: Platoon, unchanged: Platoon) -> tuple[FloatArray, FloatArray]:
     """Positions and changes of speed of the first followers over the first two minutes."""
     seen = platoon.t <= _WAVE_SECONDS
     few = slice(0, _WAVE_VEHICLES)

@@ -20,10 +20,9 @@ from highd_lc.reporting import html
 from highd_lc.reporting import pages_scenarios as pages
 from highd_lc.reporting import tables_scenarios as tables
 from highd_lc.reporting.figures_scenarios import PrintedLosses, Story
-from highd_lc.reporting.figures_space_time import SpeedMap, Window
-from highd_lc.reporting.overview import Section
+from highd_lc.reporting.figures_space_time import LaneState, SpeedMap, Window
 from highd_lc.reporting.pages_scenarios import Picture
-from highd_lc.vocab import names
+from highd_lc.stages.scenario_recordings import RecordedChange
 from highd_lc.vocab.published import PUBLISHED
 from highd_lc.vocab.scenarios import MapSettings, ScenarioSettings
 
@@ -35,14 +34,20 @@ _KEPT_EVERY: Final = 5
 
 
 def write_pages(
-    out: Path, frames: Frames, stories: Mapping[str, Story], settings: ScenarioSettings, more: list[Section]
+    out: Path,
+    frames: Frames,
+    stories: Mapping[str, Story],
+    settings: ScenarioSettings,
+    change: RecordedChange | None = None,
 ) -> None:
-    """Write figures (PNG), both pages and the ledger as text below ``out``. more: sections at the end."""
-    drawn = [(picture, _save(out, picture)) for picture in _pictures(frames, stories, settings)]
-    sections = [tables.section_of(picture, frames) for picture, _ in drawn]
+    """Write figures (PNG), both pages and the ledger as text below ``out``. change: of a recording, if any."""
+    sections = []
+    for picture in _pictures(frames, stories, settings, change):
+        _save(out, picture)
+        sections.append(tables.section_of(picture, frames))
     back = (out.parent / "index.html").is_file()
     lead = tables.lead(frames, settings)
-    index = pages.scenario_page("index.html", "The paper's scenarios", [*sections, *more], lead=lead, back=back)
+    index = pages.scenario_page("index.html", "The paper's scenarios", sections, lead=lead, back=back)
     entries = [pages.claims_section(frames["claims"]), *pages.ledger_sections(frames["ledger"])]
     entries.append(pages.arithmetic_section(frames["arithmetic"]))
     title = "Every published number, ours, and the ratio"
@@ -53,11 +58,9 @@ def write_pages(
             sink.write(content.encode("utf-8"))
 
 
-def _save(out: Path, picture: Picture) -> Path:
-    path = out / "figures" / f"{picture.name}.png"
-    with whole_file(path) as sink:
+def _save(out: Path, picture: Picture) -> None:
+    with whole_file(out / "figures" / f"{picture.name}.png") as sink:
         sink.write(picture.png)
-    return path
 
 
 def _picture(name: str, figure: Figure) -> Picture:
@@ -67,11 +70,13 @@ def _picture(name: str, figure: Figure) -> Picture:
     return Picture(name, html.inline_svg(figure, words.alternative), sink.getvalue(), words)
 
 
-def _pictures(frames: Frames, stories: Mapping[str, Story], settings: ScenarioSettings) -> Iterator[Picture]:
+def _pictures(
+    frames: Frames, stories: Mapping[str, Story], settings: ScenarioSettings, change: RecordedChange | None
+) -> Iterator[Picture]:
     cells = frames["scenario_cells"]
     first = cells[(cells["scenario"] == "1") & (cells["variant"] == DEFAULT)]
     second = {key: story for key, story in stories.items() if key != "1"}
-    third = cells[(cells["scenario"] == PRINTED_STATE) & (cells["form"] == names.FIXED)]
+    third = cells[cells["scenario"] == PRINTED_STATE]
     followers = settings.options.planned_followers
     yield _picture("plans", figures.plan_figure(stories))
     yield _picture("followers", figures.follower_figure(stories["1"], seconds=_FOLLOWER_SECONDS))
@@ -82,6 +87,20 @@ def _pictures(frames: Frames, stories: Mapping[str, Story], settings: ScenarioSe
     yield _picture("rectangle", space_time.rectangle_figure(second, windows, followers=followers))
     yield _picture("scenario_3", figures.printed_state_figure(third, printed=_printed_losses(PRINTED_STATE)))
     yield _picture("growth", space_time.growth_figure(frames["string_stability"], frames["growth"]))
+    if change is not None:
+        yield _picture("recorded", space_time.lane_state_figure(_lane_state(change)))
+
+
+def _lane_state(change: RecordedChange) -> LaneState:
+    cells = change.cells
+    return LaneState(
+        change.x_edges,
+        change.t_edges,
+        3600.0 * cells.flow,
+        3.6 * cells.speed,
+        1000.0 * cells.density,
+        change.ego,
+    )
 
 
 def _printed_losses(scenario: str) -> dict[str, PrintedLosses]:

@@ -3,14 +3,18 @@
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
 
 from highd_lc.algorithms.scenario_cells import rows_of_sweep
 from highd_lc.io import artefacts, workspace
 from highd_lc.io.settings import digest
-from highd_lc.stages.scenario_frames import default_plans, frame, scenario_frames, story_of
+from highd_lc.reporting.labels import RECORDED
+from highd_lc.stages.scenario_frames import default_plans, frame, scenario_frames, story_of, wave_columns
 from highd_lc.stages.scenario_pages import write_pages
+from highd_lc.stages.scenario_recordings import fitted_drivers, has_recordings, recorded_change, state_rows
 from highd_lc.vocab.job import Provenance
+from highd_lc.vocab.lcm_parameters import PARAMETERS
 from highd_lc.vocab.scenarios import ScenarioSettings
 
 SWEEP = "scenario_sweep"
@@ -29,17 +33,25 @@ def run(
 ) -> ScenarioReport:
     """Plan and drive the scenarios; write tables (parquet), figures (PNG) and pages below ``out``.
 
-    sweep: also every combination of the options in the settings' section ``sweep``. threads: over the variants;
-    results do not depend on their number.
+    sweep: also every combination of the options in the settings' section ``sweep``. work: artefacts of
+    recordings, for the fitted drivers and a real lane change; left out where it holds none. threads: over the
+    variants; results do not depend on their number.
     """
     planned = default_plans(settings)
     stories = {one.situation.key: story_of(one, settings) for one in planned}
-    frames = scenario_frames(planned, stories, settings, threads=threads)
+    recordings = work if work is not None and has_recordings(work) else None
+    fitted = np.empty((0, len(PARAMETERS))) if recordings is None else fitted_drivers(recordings)
+    frames = scenario_frames(planned, stories, settings, fitted=fitted, threads=threads)
+    change = None if recordings is None else recorded_change(recordings, settings)
+    if change is not None:
+        frames["recorded_state"] = frame("recorded_state", state_rows(change))
+        row = {"scenario": change.event_id, "policy": RECORDED, **wave_columns(change.wave)}
+        frames["waves"] = pd.concat([frames["waves"], frame("waves", [row])], ignore_index=True)
     if sweep:
         rows = (row for part in rows_of_sweep(settings, threads=threads) for row in part)
         frames[SWEEP] = frame(SWEEP, rows)
     provenance = Provenance(digest(settings), {}, settings.seed, workspace.code_version())
     for name, table in frames.items():
         artefacts.write(out / f"{name}.parquet", artefacts.to_arrow(name, table, provenance))
-    write_pages(out, frames, stories, settings, [])
+    write_pages(out, frames, stories, settings, change)
     return ScenarioReport(frames, out / "index.html")

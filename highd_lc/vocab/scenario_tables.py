@@ -228,6 +228,24 @@ STRING_STABILITY = Table(
     ),
 )
 
+RECORDED_STATE = Table(
+    "recorded_state",
+    "cell in space and time around a recorded lane change, on the target lane",
+    ("event_id", "x_from_m", "t_from_s"),
+    (
+        word("event_id", "RR-VVVV-FFFFF: recording, ego, crossing frame"),
+        number("x_from_m", "upstream border, from the entry end of the section", "m", nullable=False),
+        number("x_to_m", "downstream border", "m", nullable=False),
+        number("t_from_s", "begin, from the crossing on", "s", nullable=False),
+        number("t_to_s", "end", "s", nullable=False),
+        number("distance_m", "distance of all vehicles in the cell", "m", nullable=False),
+        number("time_s", "time of all vehicles in the cell", "s", nullable=False, minimum=0),
+        number("flow_veh_h", "Edie's flow; null = nobody", "veh/h"),
+        number("speed_km_h", "Edie's speed; null = nobody", "km/h"),
+        number("density_veh_km", "Edie's density; null = nobody", "veh/km"),
+    ),
+)
+
 TRACKED = Table(
     "scenario_tracking",
     "policy and plant",
@@ -257,5 +275,6 @@ SCENARIO_TABLES: Final = (
     WAVES,
     GROWTH,
     STRING_STABILITY,
+    RECORDED_STATE,
     TRACKED,
 )

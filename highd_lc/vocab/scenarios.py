@@ -111,6 +111,15 @@ class MapSettings(Section):
     cell_m: Annotated[Metres, Field(description="length of a cell [m]")] = 50.0
 
 
+class RecordedSettings(Section):
+    """Edie's measures around a lane change of the recordings, where a work folder has any."""
+
+    before_s: Annotated[float, Field(gt=0, le=600, description="time before the crossing [s]")] = 12.0
+    after_s: Annotated[float, Field(gt=0, le=600, description="time after it [s]")] = 12.0
+    cell_s: Annotated[float, Field(gt=0, le=100, description="time of a cell [s]")] = 2.0
+    cell_m: Annotated[Metres, Field(description="length of a cell [m]")] = 40.0
+
+
 class PrintedState(Section):
     """Scenario 3: the printed initial state of one recorded event; the AV's speed is not printed."""
 
@@ -172,6 +181,7 @@ class ScenarioSettings(Section):
     section: SectionSettings = SectionSettings()
     rectangle: RectangleSettings = RectangleSettings()
     map: MapSettings = MapSettings()
+    recorded: RecordedSettings = RecordedSettings()
     loss: ScenarioLosses = ScenarioLosses()
     constraints: ScenarioConstraints = ScenarioConstraints()
     planner: ScenarioPlanner = ScenarioPlanner()

@@ -5,7 +5,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from highd_lc.core.edie import Trajectories, clip_to_grid, clip_to_rectangle, edie, trajectories_of
+from highd_lc.core.edie import (
+    Trajectories,
+    clip_to_grid,
+    clip_to_rectangle,
+    edie,
+    trajectories_of,
+    trajectories_of_rows,
+)
 from highd_lc.vocab.errors import ShapeError
 
 POSITIONS = st.lists(st.floats(-50.0, 150.0, allow_subnormal=False), min_size=2, max_size=12)
@@ -104,6 +111,33 @@ def test_table_2_of_the_paper_from_its_table_1(time, distance, flow, speed, dens
     assert ours[0] == pytest.approx(flow, abs=0.006)
     assert ours[1] == pytest.approx(speed, abs=0.002)
     assert ours[2] == pytest.approx(density, abs=0.001)
+
+
+def test_rows_in_any_order_make_the_same_trajectories():
+    rng = np.random.default_rng(4)
+    t = np.arange(0.0, 10.0, 0.04)
+    x = 25.0 * t + np.array([[0.0], [-30.0], [-70.0]])
+    vehicle = np.repeat([7, 3, 9], len(t))
+    rows = rng.permutation(x.size)
+    tracks = trajectories_of_rows(vehicle[rows], np.tile(t, 3)[rows], x.ravel()[rows], longest_step=0.1)
+    assert tracks.count == 3
+    edges = {"x_edges": np.linspace(-80.0, 260.0, 9), "t_edges": np.linspace(0.0, 10.0, 5)}
+    made, whole = clip_to_grid(tracks, **edges), clip_to_grid(trajectories_of(t, x), **edges)
+    assert np.allclose(made.distance, whole.distance)
+    assert np.allclose(made.time, whole.time)
+
+
+def test_a_vehicle_that_is_away_is_not_drawn_through():
+    t = np.concatenate([np.arange(0.0, 2.0, 0.1), np.arange(5.0, 7.0, 0.1)])
+    tracks = trajectories_of_rows(np.ones(len(t), int), t, 20.0 * t, longest_step=0.15)
+    assert tracks.count == 2
+    cells = clip_to_grid(tracks, x_edges=np.array([0.0, 200.0]), t_edges=np.array([0.0, 10.0]))
+    assert cells.time[0, 0] == pytest.approx(1.9 + 1.9)
+
+
+def test_no_rows_no_trajectories():
+    tracks = trajectories_of_rows(np.zeros(0, int), np.zeros(0), np.zeros(0), longest_step=0.1)
+    assert tracks.count == 0
 
 
 def test_nobody_in_the_region_is_nan():
