@@ -33,8 +33,11 @@ class Field:
         if self.kind is str:
             return None if text else "is empty"
         try:
-            value = float(text)
+            # Python would read 1_000 and foreign digits too.
+            value = float(text) if text.isascii() and "_" not in text else None
         except ValueError:
+            value = None
+        if value is None:
             return f"{text[:40]!r} is not a number"
         if not isfinite(value):
             return f"{text[:40]!r} is not a finite number"

@@ -49,9 +49,9 @@ def test_short_tracks_stay_finite(n):
 
 
 @pytest.mark.parametrize(
-    ("window_s", "rate", "samples"), [(1.0, 25, 25), (1.0, 10, 11), (0.6, 5, 3), (0.01, 25, 1)]
+    ("window_s", "rate", "samples"), [(1.0, 25, 25), (1.0, 10, 11), (0.7, 10, 9), (0.01, 25, 1)]
 )
-def test_window_is_the_nearest_odd_number(window_s, rate, samples):
+def test_window_spans_its_seconds_by_an_odd_number_of_samples(window_s, rate, samples):
     assert window_samples(window_s, rate) == samples
 
 

@@ -1,0 +1,81 @@
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from made_traffic import RATE, traffic
+
+from highd_lc.algorithms.event_rows import calibration_rows, role_rows
+from highd_lc.algorithms.extraction import Crossing
+from highd_lc.algorithms.lane_change import LaneChange
+from highd_lc.algorithms.roles import Maneuver, find_roles
+
+CROSSES = np.where(np.arange(1, 101) < 60, 1, 2)
+PAIR = ((200.0, 30.0, 2, 4.5), (160.0, 30.0, 2, 4.5))
+
+
+def window_frames(made, rows):
+    return made.index.frame[rows].tolist()
+
+
+def test_window_is_everything_before_the_start():
+    made = traffic(PAIR)
+    rows = calibration_rows(made, 1, 0, lane=2, before_frame=41)
+    assert window_frames(made, rows) == list(range(1, 41))
+    assert rows.start >= made.index.span(1).start
+
+
+def test_window_keeps_off_the_ends_of_the_section():
+    made = traffic(PAIR, entry=175.0, stop=290.0)
+    rows = calibration_rows(made, 1, 0, lane=2, before_frame=41)
+    # The follower enters at 175 m after 0.5 s, the leader leaves at 290 m after 3.0 s.
+    assert window_frames(made, rows) == list(range(6, 32))
+
+
+def test_window_is_empty_without_a_leader_or_behind_another():
+    made = traffic(PAIR)
+    assert window_frames(made, calibration_rows(made, 1, -1, lane=2, before_frame=41)) == []
+    assert window_frames(made, calibration_rows(made, 0, 1, lane=2, before_frame=41)) == []
+
+
+@given(follows=st.lists(st.booleans(), min_size=60, max_size=60), before=st.integers(1, 61))
+@settings(deadline=None)
+def test_window_is_the_longest_run_behind_the_leader(follows, before):
+    made = traffic(PAIR, frames=60)
+    span = made.index.span(1)
+    made.leader_id[span] = np.where(follows, 10, 30)
+    found = window_frames(made, calibration_rows(made, 1, 0, lane=2, before_frame=before))
+    runs, run = [], []
+    for frame, good in enumerate(follows[: before - 1], start=1):
+        run = [*run, frame] if good else []
+        runs.append(run)
+    longest = max(map(len, runs), default=0)
+    assert found == ([] if longest == 0 else [one for one in runs if len(one) == longest][-1])
+
+
+@pytest.fixture
+def event():
+    made = traffic(
+        ((200.0, 30.0, CROSSES, 4.5), (260.0, 30.0, 1, 12.0), (240.0, 30.0, 2, 4.5), (170.0, 30.0, 2, 4.5))
+    )
+    roles = find_roles(made, Maneuver(0, 30, 60, 1, 2), max_link_m=150.0, max_followers=3)
+    change = LaneChange(crossing=59, origin=1, target=2, start=29, end=79)
+    return made, roles, Crossing(0, change, 60, 30, 80, "", roles)
+
+
+def test_roles_have_the_rows_that_the_planner_needs(event):
+    made, roles, crossing = event
+    parts = {part.role: part for part in role_rows(made, crossing, roles, horizon_s=1.0)}
+    assert list(parts) == ["ego", "origin_leader", "target_leader", "target_follower_1"]
+    frames = {role: window_frames(made, part.rows) for role, part in parts.items()}
+    assert frames["ego"] == list(range(1, 91))  # from the window on, until a second after the end
+    assert frames["origin_leader"] == list(range(30, 91))
+    assert frames["target_leader"][0] == frames["target_follower_1"][0] == 1
+    assert window_frames(made, parts["target_follower_1"].calibration) == list(range(1, 30))
+
+
+def test_ego_has_a_second_before_the_start_without_any_window(event):
+    made, roles, crossing = event
+    made.leader_id[:] = 0
+    parts = {part.role: part for part in role_rows(made, crossing, roles, horizon_s=100.0)}
+    assert window_frames(made, parts["ego"].rows) == list(range(30 - round(RATE), 101))
+    assert window_frames(made, parts["target_follower_1"].rows) == list(range(30, 101))

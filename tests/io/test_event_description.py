@@ -1,0 +1,71 @@
+import pandas as pd
+import pytest
+
+from highd_lc.io import artefacts
+from highd_lc.io.event_description import describe_event
+from highd_lc.vocab.errors import ArtefactError, UsageError
+from highd_lc.vocab.job import Provenance
+
+PROVENANCE = Provenance("settings", {}, 1, "code")
+USABLE, CUT = "01-0012-00100", "01-0013-00200"
+
+
+def finish(work, name, **columns):
+    frame = pd.DataFrame(columns)
+    missing = {c: None for c in artefacts.TABLES[name].column_names if c not in frame}
+    artefacts.write(artefacts.path_of(work, name), artefacts.to_arrow(name, frame.assign(**missing), PROVENANCE))
+
+
+@pytest.fixture
+def work(tmp_path):
+    finish(
+        tmp_path, "crossings", event_id=[USABLE, CUT], recording_id=1, ego_id=[12, 13], ego_class=["Car", "Truck"],
+        direction=["left", ""], crossing_frame=[100, 200], origin_lane=[1, None], target_lane=[2, 1],
+        start_frame=[60, None], end_frame=[150, None], usable=[True, False], reason=["", "outside_markings"],
+    )  # fmt: skip
+    finish(
+        tmp_path, "events", event_id=[USABLE], recording_id=1, ego_id=12, ego_class="Car", direction="left",
+        origin_lane=1, target_lane=2, start_frame=60, crossing_frame=100, end_frame=150, frame_rate=25.0,
+        duration_s=3.6, lateral_shift_m=3.5, peak_lateral_speed_mps=1.2, follower_ids=[[14]], roles_confirmed=True,
+    )  # fmt: skip
+    finish(
+        tmp_path, "event_tracks", event_id=USABLE, recording_id=1,
+        role=["ego"] * 2 + ["target_follower_1"] * 3, vehicle_id=[12] * 2 + [14] * 3,
+        t=[0.0, 0.04, -0.04, 0.0, 0.04], x=[0.0, 1.0, -31.0, -30.0, -29.0], y=0.0,
+        vx=[25.0] * 2 + [27.0] * 3, vy=0.0,
+        ax=0.0, ay=0.0, calibration=[False, False, True, False, False],
+    )  # fmt: skip
+    finish(
+        tmp_path, "vehicles", recording_id=1, vehicle_id=[12, 14], driving_direction=2, length=4.5, width=1.9,
+        first_frame=1, last_frame=400, **{"class": ["Car", "Truck"]},
+    )  # fmt: skip
+    return tmp_path
+
+
+def test_usable_event_names_frames_and_roles(work):
+    head, verdict, frames, facts, _, columns, ego, follower = describe_event(work, USABLE).splitlines()
+    assert head == "01-0012-00100: recording 1, vehicle 12 (Car) to the left, lane 1 -> 2 (1 = rightmost)"
+    assert verdict == "usable"
+    assert frames == "frames: start 60, crossing 100, end 150"
+    assert facts == "duration 3.60 s, lateral shift +3.50 m, peak lateral speed 1.20 m/s"
+    assert columns.split("  ")[1] == "role"
+    assert ego.split() == ["ego", "12", "Car", "0.00", "25.00", "0.00", "0.04", "0.00"]
+    assert follower.split() == ["target_follower_1", "14", "Truck", "-30.00", "27.00", "-0.04", "0.04", "0.04"]
+
+
+def test_unusable_change_names_its_reason(work):
+    assert describe_event(work, CUT).splitlines() == [
+        "01-0013-00200: recording 1, vehicle 13 (Truck), lane outside -> 1 (1 = rightmost)",
+        "not usable: outside_markings",
+        "frames: start not found, crossing 200, end not found",
+    ]
+
+
+def test_unknown_event_is_answered_with_the_nearest(work):
+    with pytest.raises(UsageError, match=r"no lane-id change '01-0013-00999'; known are 01-0013-00200, "):
+        describe_event(work, "01-0013-00999")
+
+
+def test_missing_artefacts_are_named(tmp_path):
+    with pytest.raises(ArtefactError, match="crossings"):
+        describe_event(tmp_path, USABLE)

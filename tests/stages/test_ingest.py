@@ -1,0 +1,146 @@
+import re
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+import running
+from quintic_recording import Driver, Scene, random_scene, write
+
+from highd_lc.io import artefacts
+from highd_lc.stages import ingest
+from highd_lc.vocab.errors import InputError
+
+FIXTURES = Path(__file__).parents[1] / "fixtures"
+
+
+def small_scene(**options):
+    drivers = [
+        Driver(4.5, 1.9, False, direction, 1, 30.0 - 60.0 * place, 30.0)
+        for direction in (1, 2)
+        for place in range(3)
+    ]
+    return Scene(drivers, rate=10.0, seconds=18.0, **options)
+
+
+@pytest.fixture
+def data(tmp_path):
+    write(small_scene(), tmp_path / "data")
+    return tmp_path / "data"
+
+
+def edit(data, kind, **columns):
+    path = data / f"01_{kind}.csv"
+    frame = pd.read_csv(path)
+    for name, change in columns.items():
+        frame[name] = change(frame[name])
+    frame.to_csv(path, index=False)
+
+
+def test_recording_of_another_maker_passes_every_cross_check(tmp_path):
+    write(random_scene(np.random.default_rng(1), rate=10.0, seconds=25.0, lanes=(4, 3)), tmp_path / "data")
+    report = running.ingested(tmp_path / "data", tmp_path / "work")
+    assert report.problems == ()
+    quality = artefacts.read_part(tmp_path / "work", "ingest", "recordings", 1)
+    shares = quality[[c for c in quality if c.startswith("share_") and "outside" not in c and "mismatch" not in c]]
+    assert (shares.to_numpy() == 1.0).all()
+    assert (quality["share_lane_mismatch"] < 0.001).all()
+    assert quality["markings"].map(len).tolist() == [5, 4]
+
+
+@pytest.mark.parametrize("recording", [1, 2])
+def test_fixtures_pass_every_cross_check(tmp_path, recording):
+    assert ingest.run(running.job(FIXTURES, tmp_path, recording)).problems == ()
+
+
+def test_vehicles_are_those_of_the_metas(data, tmp_path):
+    running.ingested(data, tmp_path)
+    vehicles = artefacts.read_part(tmp_path, "ingest", "vehicles", 1)
+    metas = pd.read_csv(data / "01_tracksMeta.csv")
+    assert vehicles["vehicle_id"].tolist() == metas["id"].tolist()
+    assert vehicles["driving_direction"].tolist() == metas["drivingDirection"].tolist()
+    assert vehicles["length"].tolist() == metas["width"].tolist()
+    assert vehicles["first_frame"].tolist() == metas["initialFrame"].tolist()
+    assert vehicles["last_frame"].tolist() == metas["finalFrame"].tolist()
+
+
+@pytest.mark.parametrize(
+    ("column", "change", "word"),
+    [
+        ("numLaneChanges", lambda v: v + 1, "lane_changes"),
+        ("minDHW", lambda v: v + 0.2, "min_gap"),
+        ("minTHW", lambda v: v + 0.2, "min_time_gap"),
+        ("traveledDistance", lambda v: v * 2, "travelled"),
+        ("numFrames", lambda v: v - 1, "n_frames"),
+    ],
+)
+def test_metas_that_say_otherwise_are_loud(data, tmp_path, column, change, word):
+    edit(data, "tracksMeta", **{column: change})
+    report = running.ingested(data, tmp_path)
+    assert report.problems
+    assert all(re.search(word, problem.message) for problem in report.problems)
+    quality = artefacts.read_part(tmp_path, "ingest", "recordings", 1)
+    assert (quality[f"share_{word}"] < 1).all()
+    assert quality["failed_checks"].map(len).sum() == len(report.problems)
+
+
+def test_bias_is_measured_per_carriageway_and_removed_on_demand(data, tmp_path):
+    """Both carriageways' image acceleration is +0.2: backward on the upper one, forward on the lower one."""
+    edit(data, "tracks", xAcceleration=lambda v: v + 0.2)
+    for remove, expected in ((False, [-0.2, 0.2]), (True, [0.0, 0.0])):
+        work = tmp_path / str(remove)
+        running.ingested(data, work, ingest={"remove_bias": remove})
+        quality = artefacts.read_part(work, "ingest", "recordings", 1)
+        assert quality["mean_acceleration"].tolist() == pytest.approx([-0.2, 0.2])
+        assert quality["mean_speed_change"].tolist() == pytest.approx([0.0, 0.0], abs=1e-9)
+        assert quality["bias_removed"].tolist() == [remove] * 2
+        tracks = artefacts.read_tracks(work, 1).merge(artefacts.read_part(work, "ingest", "vehicles", 1))
+        found = tracks.groupby("driving_direction")["ax"].mean()
+        assert found.tolist() == pytest.approx(expected, abs=1e-6)
+
+
+def test_disagreement_near_the_ends_is_found(data, tmp_path):
+    tracks = pd.read_csv(data / "01_tracks.csv")
+    near = (tracks["x"] < 40) | (tracks["x"] > 380)
+    tracks.loc[near, "xVelocity"] *= 1.02
+    tracks.to_csv(data / "01_tracks.csv", index=False)
+    running.ingested(data, tmp_path)
+    quality = artefacts.read_part(tmp_path, "ingest", "recordings", 1)
+    assert (quality["disagreement_entry"] > 0.5).all()
+    assert (quality["disagreement_exit"] > 0.5).all()
+    assert (quality["disagreement_inner"] < 0.2).all()
+
+
+def test_holes_duplicates_and_rows_outside_are_counted(data, tmp_path):
+    tracks = pd.read_csv(data / "01_tracks.csv")
+    lower = tracks.index[tracks["id"] == 4]
+    tracks.loc[lower[10], "laneId"] = 9 + 1
+    tracks = pd.concat([tracks.drop(index=lower[20:22]), tracks.loc[lower[30:31]]])
+    tracks.to_csv(data / "01_tracks.csv", index=False)
+    report = running.ingested(data, tmp_path)
+    quality = artefacts.read_part(tmp_path, "ingest", "recordings", 1)
+    assert quality["n_holes"].tolist() == [0, 1]
+    assert quality["n_duplicates"].tolist() == [0, 1]
+    assert quality["share_outside"].iloc[1] == pytest.approx(1 / quality["n_rows"].iloc[1])
+    assert report.problems == ()  # one vehicle is let pass
+
+
+@pytest.mark.parametrize("kind", ["tracks", "tracksMeta", "recordingMeta"])
+def test_bad_recording_leaves_nothing_behind(data, tmp_path, kind):
+    path = data / f"01_{kind}.csv"
+    *lines, last = path.read_text().splitlines()
+    first, second, *others = last.split(",")
+    path.write_text("\n".join([*lines, ",".join([first, f"x{second}", *others])]) + "\n")
+    with pytest.raises(InputError, match=rf"01_{kind}\.csv: row {len(lines) + 1}, column"):
+        running.ingested(data, tmp_path / "work")
+    assert not (tmp_path / "work").exists()
+
+
+def test_other_frame_rates_change_time_only(tmp_path):
+    for rate in (5.0, 25.0):
+        write(Scene(small_scene().drivers, rate=rate, seconds=18.0), tmp_path / f"{rate}")
+        running.ingested(tmp_path / f"{rate}", tmp_path / f"work{rate}")
+        tracks = artefacts.read_tracks(tmp_path / f"work{rate}", 1)
+        one = tracks[tracks["vehicle_id"] == 1]
+        assert np.diff(one["t"]) == pytest.approx(1 / rate)
+        assert one["vx"].to_numpy() == pytest.approx(np.diff(one["x"]).mean() * rate, rel=1e-3)
