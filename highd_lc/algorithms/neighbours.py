@@ -57,13 +57,19 @@ def neighbours(ego: Ego, lane: Lane, *, max_link_m: float, max_followers: int) -
     """
     ahead = _is_ahead(ego, lane)
     leaders, followers = np.flatnonzero(ahead), np.flatnonzero(~ahead)
-    followers = followers[np.argsort(-lane.front[followers], kind="stable")]
-    links = -np.diff(lane.front[followers], prepend=ego.front)
-    reached = followers[: int(np.argmax(np.append(links, np.inf) > max_link_m + TIE))][:max_followers]
+    chain: list[int] = []
+    last = ego.front
+    for place in followers[np.argsort(-lane.front[followers], kind="stable")][:max_followers]:
+        front = float(lane.front[place])
+        if last - front > max_link_m + TIE:
+            break
+        chain.append(int(lane.vehicle[place]))
+        last = front
+    first = float(lane.front[followers].max()) if chain else -np.inf
     return Neighbours(
         leader=int(lane.vehicle[leaders[np.argmin(lane.front[leaders])]]) if len(leaders) else NOBODY,
-        followers=tuple(int(v) for v in lane.vehicle[reached]),
-        follower_ahead=bool(len(reached) and lane.front[reached[0]] >= ego.front - TIE),
+        followers=tuple(chain),
+        follower_ahead=first >= ego.front - TIE,
     )
 
 

@@ -24,6 +24,8 @@ IntArray = NDArray[np.int64]
 FloatArray = NDArray[np.float64]
 
 STAGE = "extract"
+_OF_VEHICLES = ["vehicle_id", "driving_direction", "class", "length"]
+_OF_CARRIAGEWAYS = ["driving_direction", "frame_rate", "markings", "entry_m", "exit_m"]
 
 
 @dataclass(frozen=True)
@@ -55,8 +57,8 @@ def run(job: Job) -> JobReport:
 
 def _load(job: Job) -> _Recording:
     tracks = tracks_file.read(job.work, job.recording)
-    vehicles = artefacts.read_part(job.work, "ingest", "vehicles", job.recording)
-    carriageways = artefacts.read_part(job.work, "ingest", "recordings", job.recording)
+    vehicles = artefacts.read_part(job.work, "ingest", "vehicles", job.recording, columns=_OF_VEHICLES)
+    carriageways = artefacts.read_part(job.work, "ingest", "recordings", job.recording, columns=_OF_CARRIAGEWAYS)
     trim = job.settings.ingest.trim_ends_m
     traffic = Traffic(
         index=TrackIndex.of(tracks.vehicle_id, tracks.frame),
