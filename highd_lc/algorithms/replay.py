@@ -38,19 +38,26 @@ class AvMotion:
 
 
 @dataclass(frozen=True)
-class HandOver:
-    """A follower that gets a new leader at a sample: the step of its command there is not counted."""
+class Entry:
+    """How an AV that chose its start joins the target lane.
 
-    follower: int
-    sample: int
+    place: how many of target leader, HV_1, HV_2 .. it has ahead. hand_over: sample at which the next of them gets
+    the AV as its leader, if the step of its command there is not counted (it is the insertion); else None.
+    target_front [m], target_v [m/s]: of the target leader, shape (N + 1,).
+    """
+
+    place: int
+    hand_over: int | None
+    target_front: FloatArray
+    target_v: FloatArray
 
 
 @dataclass(frozen=True)
 class Replay:
     """What happens: the AV's motion, the followers' x (box centre) [m], v [m/s] and commanded a [m/s^2] of shape
     (p, N + 1), and for each obstacle (order of ``packing.obstacle_roles``) the smallest clearance [m] over
-    0 .. T, and over the samples after T; infinite where an obstacle does not count. hand_over: of a manoeuvre that
-    starts later than at t_start, whose insertion has no step by itself.
+    0 .. T, and over the samples after T; infinite where an obstacle does not count. entry: None = into the recorded
+    gap at t_start.
     """
 
     av: AvMotion
@@ -59,7 +66,7 @@ class Replay:
     a: FloatArray
     clearance_to_T: FloatArray
     clearance_after_T: FloatArray
-    hand_over: HandOver | None = None
+    entry: Entry | None = None
 
 
 def plan_motion(plan: Quintic, scene: PackedScene) -> AvMotion:

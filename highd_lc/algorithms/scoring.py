@@ -52,8 +52,8 @@ def cumulative_losses(replay: Replay, terms: LossTerms, settings: LossSettings, 
     av_speed = np.hypot(replay.av.vx, replay.av.vy)
     one_sided = terms.one_sided
     jerk = command_jerk(replay.a, dt)
-    if replay.hand_over is not None:
-        jerk[replay.hand_over.follower, replay.hand_over.sample] = 0.0
+    if replay.entry is not None and replay.entry.hand_over is not None:
+        jerk[replay.entry.place - 1, replay.entry.hand_over] = 0.0
     return CumulativeLosses(
         cumulative_comfort(replay.av.jerk, scale=settings.comfort_scale),
         cumulative_efficiency(av_speed, terms.av_ref, scale=settings.efficiency_scale, one_sided=one_sided),
@@ -131,20 +131,23 @@ def recorded_loss(
 
 
 def pairs(replay: Replay, scene: PackedScene, *, joins: bool) -> list[Pair]:
-    """Pairs on the target lane: AV behind the target leader, followers behind the AV and each other.
+    """Pairs on the target lane: AV in its gap, behind the target leader if not told otherwise, and the followers.
 
     joins: whether the AV enters the lane (at its crossing); otherwise the first follower stays behind the leader.
     """
-    fronts = [scene.target_front, *(replay.x + scene.follower_length[:, None] / 2.0)]
-    speeds = [scene.target_v, *replay.v]
+    target_front, target_v, place = scene.target_front, scene.target_v, 1
+    if replay.entry is not None:
+        target_front, target_v, place = replay.entry.target_front, replay.entry.target_v, replay.entry.place
+    fronts = [target_front, *(replay.x + scene.follower_length[:, None] / 2.0)]
+    speeds = [target_v, *replay.v]
     lengths = [scene.target_length, *scene.follower_length]
     firsts = [0] * len(fronts)
     if joins:
-        fronts.insert(1, replay.av.x + scene.length / 2.0)
-        speeds.insert(1, replay.av.vx)
-        lengths.insert(1, scene.length)
-        firsts[1:1] = [replay.av.crossing]
-        firsts[2] = replay.av.crossing
+        fronts.insert(place, replay.av.x + scene.length / 2.0)
+        speeds.insert(place, replay.av.vx)
+        lengths.insert(place, scene.length)
+        firsts[place:place] = [replay.av.crossing]
+        firsts[place + 1] = replay.av.crossing
     return [
         Pair(fronts[i] - fronts[i + 1] - lengths[i], speeds[i + 1], speeds[i], lengths[i], firsts[i + 1])
         for i in range(len(fronts) - 1)

@@ -16,7 +16,7 @@ from highd_lc.algorithms.planner import (
     overlap_at_start,
 )
 from highd_lc.algorithms.pool import OVERTAKES, Goal, Pool
-from highd_lc.algorithms.replay import AvMotion, HandOver, Replay, clearances, drive_on, follow, plan_motion
+from highd_lc.algorithms.replay import AvMotion, Entry, Replay, clearances, drive_on, follow, plan_motion
 from highd_lc.algorithms.start_search import (
     CONTAINED,
     Key,
@@ -139,8 +139,17 @@ def replay_start(posed: StartProblem, key: Key, quintic: Quintic) -> Replay:
     to_T, after_T = clearances(av.x, av.y, av.vx, av.vy, av.n, av.crossing, gap.scene, behind[0])
     ahead = (posed.waiting.x, posed.waiting.v, posed.waiting.a)
     x, v, a = (np.vstack([w[: gap.passed], m[gap.rows]]) for w, m in zip(ahead, behind, strict=True))
-    handed = d > 0 and not scene.from_crossing and gap.name != names.GAP_AHEAD
-    return Replay(av, x, v, a, to_T, after_T, HandOver(gap.passed, d) if handed else None)
+    return Replay(av, x, v, a, to_T, after_T, _entry(posed, key, behind))
+
+
+def _entry(posed: StartProblem, key: Key, behind: list[FloatArray]) -> Entry:
+    """behind: x, v, a of the gap's own followers."""
+    packed, gap, d = posed.problem.packed, posed.gaps[key[0]], key[1]
+    if gap.name == names.GAP_AHEAD:
+        front = behind[0][0] + gap.scene.follower_length[0] / 2.0
+        return Entry(0, None, front, behind[1][0])
+    handed = d if d > 0 and not packed.from_crossing else None
+    return Entry(gap.passed + 1, handed, packed.target_front, packed.target_v)
 
 
 def _av_motion(posed: StartProblem, key: Key, quintic: Quintic) -> AvMotion:

@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 
 from highd_lc.algorithms.population import Bootstrap, ratio_interval, shares
-from highd_lc.io.statistics import PAIR_OF_FORM, paired
+from highd_lc.io.statistics import PAIR_OF_FORM, PAIR_OF_START_FORM, paired
 from highd_lc.vocab import names
 from highd_lc.vocab.settings import StatisticsSettings
 from highd_lc.vocab.study_tables import FOLLOWER_MODELS, TOGETHER
@@ -58,7 +58,7 @@ def _frame(name: str, rows: list[Row]) -> pd.DataFrame:
 
 def _pairs(losses: pd.DataFrame) -> Iterator[tuple[Row, pd.DataFrame]]:
     """Each form and accounting with the losses of its two policies, one row an event."""
-    for form, (benchmark, local) in PAIR_OF_FORM.items():
+    for form, (benchmark, local) in (PAIR_OF_FORM | PAIR_OF_START_FORM).items():
         for accounting in names.ACCOUNTINGS:
             pair = paired(losses[losses["accounting"] == accounting], local, benchmark)
             if not pair.empty:

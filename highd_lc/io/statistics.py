@@ -24,9 +24,18 @@ PAIR_OF_FORM = {
     names.FREE: names.FREE_POLICIES,
 }
 """The policies that each form compares: benchmark, local optimum."""
+PAIR_OF_START_FORM = {
+    names.START: names.START_POLICIES,
+    names.FREE_START: names.FREE_START_POLICIES,
+}
+"""The same with a chosen start; planned on a sample of the events by default."""
 _COMPARED = (
     (names.LOCAL_OPTIMUM, names.BENCHMARK),
     (names.LOCAL_OPTIMUM_FREE, names.BENCHMARK_FREE),
+    (names.LOCAL_OPTIMUM_START, names.BENCHMARK_START),
+    (names.LOCAL_OPTIMUM_FREE_START, names.BENCHMARK_FREE_START),
+    (names.BENCHMARK_START, names.BENCHMARK),
+    (names.LOCAL_OPTIMUM_START, names.LOCAL_OPTIMUM),
     (names.LOCAL_OPTIMUM, names.HUMAN),
     (names.BENCHMARK, names.HUMAN),
     (names.LOCAL_OPTIMUM, names.NO_LANE_CHANGE),
@@ -111,11 +120,12 @@ def validation_matrix(
     """Gain of the local optimum over the benchmark in every cell: form x accounting x stratum.
 
     events: see ``strata``, indexed by event_id; losses: the artefact. Events without a feasible plan of either
-    policy count in n_events and infeasible, not in the totals.
+    policy count in n_events and infeasible, not in the totals; of the forms with a chosen start only those count
+    whose start was chosen.
     """
     bootstrap = Bootstrap(settings.bootstrap, settings.confidence, seed)
     rows = []
-    for form, (benchmark, local) in PAIR_OF_FORM.items():
+    for form, (benchmark, local) in (PAIR_OF_FORM | PAIR_OF_START_FORM).items():
         for accounting in names.ACCOUNTINGS:
             chosen = losses[losses["accounting"] == accounting]
             pair = paired(chosen, local, benchmark)
@@ -123,9 +133,14 @@ def validation_matrix(
                 continue
             human = chosen[chosen["policy"] == names.HUMAN].set_index("event_id")
             for stratum, members in strata(events).items():
-                of_stratum = pair.reindex(members.index[members])
+                inside = members.index[members]
+                if form in PAIR_OF_START_FORM:
+                    inside = inside.intersection(pair.index, sort=False)
+                    if inside.empty:
+                        continue
+                of_stratum = pair.reindex(inside)
                 row = {"form": form, "accounting": accounting, "stratum": stratum}
-                observed = _share_observed(human.reindex(members.index[members]))
+                observed = _share_observed(human.reindex(inside))
                 rows.append(row | _cell(of_stratum, bootstrap, settings.tie_band) | {"share_observed": observed})
     return pd.DataFrame(rows, columns=list(TABLES["validation_matrix"].column_names))
 

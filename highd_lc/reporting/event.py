@@ -31,8 +31,9 @@ class Path:
 class Play:
     """One way in which the event runs: a policy under the accountings that led to the same plan.
 
-    T: duration of the manoeuvre [s], NaN where there is none. ego, followers (nearest first): their motions;
-    jerk: the |jx| + |jy| charged to the ego [m/s^3], shape (N + 1,). measured: whether these are recorded data.
+    T: end of the manoeuvre [s], NaN where there is none; delay_s: its start [s]; gap: where it leads. ego,
+    followers (nearest first): their motions; jerk: the |jx| + |jy| charged to the ego [m/s^3], shape (N + 1,).
+    measured: whether these are recorded data.
     """
 
     policy: str
@@ -42,6 +43,8 @@ class Play:
     jerk: FloatArray
     followers: tuple[Path, ...]
     measured: bool = False
+    delay_s: float = 0.0
+    gap: str = names.RECORDED_GAP
 
 
 @dataclass(frozen=True)
@@ -155,6 +158,8 @@ class EventReport:
 PAIRS: Mapping[str, tuple[str, str]] = {
     names.FIXED: (names.LOCAL_OPTIMUM, names.BENCHMARK),
     names.FREE: (names.LOCAL_OPTIMUM_FREE, names.BENCHMARK_FREE),
+    names.START: (names.LOCAL_OPTIMUM_START, names.BENCHMARK_START),
+    names.FREE_START: (names.LOCAL_OPTIMUM_FREE_START, names.BENCHMARK_FREE_START),
 }
 """Of each form, the policy that is judged and the one it is judged against."""
 

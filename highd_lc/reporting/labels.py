@@ -121,7 +121,15 @@ FOLLOWER_MODELS: Final = {LCM: "as planned (LCM)", IDM: "IDM", LCM_DRAWN: "drawn
 
 def short_policy(name: str) -> str:
     """A policy's label where room is short."""
-    return POLICIES[name].label.replace(", free end speed", ", free").replace(", 5.5 s", "")
+    label = POLICIES[name].label
+    return label.replace(", free end speed", ", free").replace(", chosen start", ", start").replace(", 5.5 s", "")
+
+
+def gap(name: str) -> str:
+    """A gap on the target lane as a reader says it: ``behind_target_follower_1`` is "behind HV 1"."""
+    if name.startswith("behind_"):
+        return f"behind {role(name.removeprefix('behind_'))}"
+    return {names.RECORDED_GAP: "the recorded gap"}.get(name, name.replace("_", " "))
 
 
 def role(name: str) -> str:

@@ -1,6 +1,7 @@
 """What the policies did in an event, replayed from the tabulated plans for drawing."""
 
 from collections.abc import Iterable, Iterator
+from dataclasses import replace
 from typing import Any, Final
 
 import numpy as np
@@ -10,6 +11,8 @@ from highd_lc.algorithms import planner
 from highd_lc.algorithms.packing import PackedScene
 from highd_lc.algorithms.planner import PlanningProblem
 from highd_lc.algorithms.replay import AvMotion, drive_on, follow, human_motion, plan_motion
+from highd_lc.algorithms.start_planner import FORM_OF_START, key_of, replay_start
+from highd_lc.algorithms.start_search import Key, StartProblem, pose_starts
 from highd_lc.core.quintic import Quintic
 from highd_lc.reporting.event import Path, Play, Row
 from highd_lc.vocab import names
@@ -26,12 +29,27 @@ def policy_plays(problem: PlanningProblem, plans: Iterable[Row]) -> Iterator[Pla
     """The motions behind an event's rows of ``plans``; rows with the same plan share one."""
     groups: dict[tuple[Any, ...], list[str]] = {}
     for row in plans:
+        # A start without delay into the recorded gap is the play of the policy that it contains: pages stay small.
+        starts_at_once = row["delay_s"] == 0.0 and row["gap"] == names.RECORDED_GAP
+        if row["policy"] in FORM_OF_START and starts_at_once:
+            continue
         if row["status"] in (names.SOLVED, names.REFERENCE):
-            key = (row["policy"], row["T"], row["x_final"], row["v_end"])
+            key = tuple(row[name] for name in ("policy", "T", "x_final", "v_end", "delay_s", "v_start", "gap"))
             groups.setdefault(key, []).append(row["accounting"])
-    for (policy, *shape), accountings in groups.items():
-        av, followers = _replayed(problem, policy, *shape)
-        yield _play(problem, policy, tuple(accountings), av=av, followers=followers)
+    posed = pose_starts(problem) if any(key[0] in FORM_OF_START for key in groups) else None
+    for (policy, *shape, delay_s, v_start, gap), accountings in groups.items():
+        if policy in FORM_OF_START and posed is not None:
+            av, followers = _delayed(posed, key_of(posed, gap, delay_s), v_start, *shape)
+        else:
+            av, followers = _replayed(problem, policy, *shape)
+        play = _play(problem, policy, tuple(accountings), av=av, followers=followers)
+        yield replace(play, delay_s=delay_s, gap=gap)
+
+
+def _delayed(posed: StartProblem, key: Key, v_start: float, T: float, x_final: float, v_end: float) -> Driven:
+    D = posed.problem.scene.lateral_shift
+    played = replay_start(posed, key, Quintic(v0=v_start, D=D, T=T, x_final=x_final, v_end=v_end))
+    return played.av, (played.x, played.v, played.a)
 
 
 def _replayed(problem: PlanningProblem, policy: str, T: float, x_final: float, v_end: float) -> Driven:

@@ -9,6 +9,7 @@ import pandas as pd
 from highd_lc.algorithms import planner, scoring
 from highd_lc.algorithms.planner import Plan, PlanningProblem
 from highd_lc.algorithms.replay import Replay
+from highd_lc.algorithms.start_planner import plan_starts
 from highd_lc.algorithms.tracked_motion import loss_av, planned_motion, tracked_motion, violations
 from highd_lc.algorithms.tracker import track
 from highd_lc.core.quintic import sample
@@ -68,6 +69,8 @@ def _frame(name: str, rows: list[Row]) -> pd.DataFrame:
 def _event_rows(scene: Scene, job: Job, chosen: Samples) -> Iterator[tuple[str, Row]]:
     problem = planner.pose(scene, job.settings.validation)
     plans = planner.plan_all(problem)
+    if scene.event_id in chosen.started:
+        plans += plan_starts(problem)
     unchanged = next(p for p in plans if p.policy == names.NO_LANE_CHANGE)
     for plan in plans:
         yield "plans", _plan_row(problem, plan)
@@ -90,6 +93,8 @@ def _plan_row(problem: PlanningProblem, plan: Plan) -> Row:
         "policy": plan.policy,
         "accounting": plan.accounting,
         **_shape(problem, plan),
+        "delay_s": np.nan if plan.replay is None else plan.delay_s,
+        "gap": "" if plan.replay is None else plan.gap,
         "status": plan.status,
         "at_bound": _at_bound(problem, plan),
         "rejected_by": plan.rejected_by,
@@ -106,12 +111,13 @@ def _plan_row(problem: PlanningProblem, plan: Plan) -> Row:
 def _shape(problem: PlanningProblem, plan: Plan) -> Row:
     """T, x_final and v_end: of the quintic, or of the motion where there is none."""
     if plan.replay is None:
-        return {"T": np.nan, "x_final": np.nan, "v_end": np.nan}
+        return {"T": np.nan, "x_final": np.nan, "v_end": np.nan, "v_start": np.nan}
     if plan.quintic is not None:
-        return {"T": plan.quintic.T, "x_final": plan.quintic.x_final, "v_end": plan.quintic.v_end}
+        q = plan.quintic
+        return {"T": q.T, "x_final": q.x_final, "v_end": q.v_end, "v_start": q.v0}
     av = plan.replay.av
     T = round(av.n * problem.scene.dt, 10)
-    return {"T": T, "x_final": float(av.x[av.n]), "v_end": float(av.vx[av.n])}
+    return {"T": T, "x_final": float(av.x[av.n]), "v_end": float(av.vx[av.n]), "v_start": float(av.vx[0])}
 
 
 def _at_bound(problem: PlanningProblem, plan: Plan) -> list[str]:
@@ -192,7 +198,8 @@ def _reference(problem: PlanningProblem, plan: Plan) -> Reference:
     av = plan.replay.av
     used = slice(0, av.n + 1)
     if plan.quintic is not None:
-        s = sample(plan.quintic, np.arange(av.n + 1) * problem.scene.dt)
+        n = round(plan.quintic.T / problem.scene.dt)
+        s = sample(plan.quintic, np.arange(n + 1) * problem.scene.dt)
         return Reference(problem.scene.dt, s.x, s.y, s.vx, s.vy, s.ax, s.ay)
     human = problem.scene.human
     return Reference(

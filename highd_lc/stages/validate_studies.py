@@ -35,24 +35,34 @@ _MOST_FOLLOWERS = 3
 
 @dataclass(frozen=True)
 class Samples:
-    """Ids of the events that are studied, and of those on which the solvers are compared."""
+    """Ids of the events that are studied, of those on which the solvers are compared, of those whose start is chosen
+    as well, and of those among them that are planned with predicted leaders.
+    """
 
     studied: frozenset[str]
     compared: frozenset[str]
+    started: frozenset[str]
+    foreseen: frozenset[str]
 
 
 def samples(job: Job) -> Samples:
     """The run's samples, drawn from all events of all recordings by class, direction and number of followers."""
     settings, seed = job.settings.validation.studies, job.settings.seed
     if settings.chosen:
-        return Samples(frozenset(settings.chosen), frozenset(settings.chosen))
+        return Samples(*[frozenset(settings.chosen)] * 4)
     events = artefacts.read(job.work, "events", columns=["event_id", "ego_class", "direction", "follower_ids"])
     count = events["follower_ids"].map(len).clip(upper=_MOST_FOLLOWERS)
     strata = dict(
         zip(events["event_id"], zip(events["ego_class"], events["direction"], count, strict=True), strict=True)
     )
     studied = stratified_sample(strata, settings.sample, seed=seed)
-    return Samples(studied, stratified_sample(strata, settings.solver_sample, seed=seed))
+    compared = stratified_sample(strata, settings.solver_sample, seed=seed)
+    sizes = {"none": 0, "sample": settings.start_sample, "all": len(strata)}
+    started = stratified_sample(strata, sizes[job.settings.validation.planner.start], seed=seed)
+    foreseen = stratified_sample(
+        {e: s for e, s in strata.items() if e in started}, settings.foresight_sample, seed=seed
+    )
+    return Samples(studied, compared, started, foreseen)
 
 
 @dataclass(frozen=True)

@@ -181,6 +181,10 @@ class PlannerSettings(Section):
     zoom_levels: Annotated[int, Field(ge=2, le=20, description="refinements of x_final (fixed form)")] = 3
     zoom_levels_free: Annotated[int, Field(ge=2, le=20, description="refinements of x_final and v_end")] = 5
     free_form: Annotated[bool, Field(description="plan with a free end speed as well")] = True
+    start: Annotated[
+        Literal["none", "sample", "all"],
+        Field(description="events whose start and gap are chosen as well (studies.start_sample)"),
+    ] = "sample"
     max_delay_s: Annotated[
         float, Field(ge=0, le=30, description="longest wait before the manoeuvre [s]")
     ] = 5.0
@@ -233,6 +237,12 @@ class StudySettings(Section):
     chosen: Annotated[
         tuple[str, ...], Field(description="ids of events to study instead of a sample; empty = sample")
     ] = ()
+    start_sample: Annotated[
+        int, Field(ge=0, le=100000, description="events in the sample whose start is chosen; 0 = none")
+    ] = 500
+    foresight_sample: Annotated[
+        int, Field(ge=0, le=100000, description="events of it planned with predicted leaders as well; 0 = none")
+    ] = 25
     draws: Annotated[
         int, Field(ge=1, le=1000, description="K: parameter draws within each follower's spread (all events)")
     ] = 20

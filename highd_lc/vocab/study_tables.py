@@ -19,7 +19,7 @@ TOGETHER: Final = "together"
 
 _RECORDING = Column("recording_id", "int64", "number in the recording's file name", minimum=0)
 _EVENT = word("event_id", "RR-VVVV-FFFFF: recording, ego, crossing frame")
-_FORM = word("form", "fixed or free end speed", names.FORMS)
+_FORM = word("form", "fixed or free end speed", (*names.FORMS, *names.START_FORMS))
 _ACCOUNTING = word("accounting", "over which time each side is charged", names.ACCOUNTINGS)
 _OMEGA = number("omega_av", "weight of the AV in the joint objective", minimum=0, maximum=1)
 

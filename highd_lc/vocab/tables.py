@@ -17,6 +17,7 @@ SCHEMA_VERSION: Final = 1
 _RECORDING = Column("recording_id", "int64", "number in the recording's file name", minimum=0)
 _EVENT = _word("event_id", "RR-VVVV-FFFFF: recording, ego, crossing frame")
 _POLICY = _word("policy", "who planned the motion (SPEC section 6)", names.POLICIES)
+_FORMS = (*names.FORMS, *names.START_FORMS)
 _ACCOUNTING = _word("accounting", "over which time each side is charged", names.ACCOUNTINGS)
 _VEHICLE = Column("vehicle_id", "int64", "the vehicle's id in its recording", minimum=0)
 
@@ -130,14 +131,10 @@ EVENTS = Table(
         _count("end_frame", "end by the lateral rule"),
         _number("frame_rate", "frames a second", "Hz", nullable=False, minimum=0),
         _number("duration_s", "end minus start", "s", nullable=False, minimum=0),
-        _number(
-            "lateral_shift_m", "D: y at end_frame minus y at start_frame, left positive", "m", nullable=False
-        ),
+        _number("lateral_shift_m", "D: y at end_frame minus y at start_frame, left positive", "m", nullable=False),
         _number("peak_lateral_speed_mps", "largest smoothed lateral speed towards the target", "m/s"),
         Column("origin_leader_id", "int64", "ahead on the origin lane at t_start; null = none", "", True, 1),
-        Column(
-            "origin_follower_id", "int64", "behind on the origin lane at t_start; null = none", "", True, 1
-        ),
+        Column("origin_follower_id", "int64", "behind on the origin lane at t_start; null = none", "", True, 1),
         Column("target_leader_id", "int64", "ahead on the target lane at t_start; null = none", "", True, 1),
         Column("follower_ids", "list<int64>", "followers on the target lane at t_start, nearest first"),
         _number("gap_ahead_m", "bumper to bumper, to the target leader at t_start; null without one", "m"),
@@ -211,16 +208,17 @@ PLANS = Table(
         _POLICY,
         _ACCOUNTING,
         _number("T", "duration of the manoeuvre, a multiple of 0.1 s; null when infeasible", "s"),
-        _number("x_final", "forward distance at T; null when infeasible", "m"),
-        _number("v_end", "speed at T; null when infeasible", "m/s"),
+        _number("x_final", "forward distance from the manoeuvre's start to its end; null when infeasible", "m"),
+        _number("v_end", "speed at the end of the manoeuvre; null when infeasible", "m/s"),
+        _number("delay_s", "wait from t_start to the manoeuvre's start; null when infeasible", "s", minimum=0),
+        _number("v_start", "speed at the manoeuvre's start; null when infeasible", "m/s"),
+        _word("gap", "recorded, behind a follower that passes, ahead of the target leader; empty = infeasible"),
         _word("status", "outcome of the planner", names.PLAN_STATUSES),
         Column("at_bound", "list<string>", "unknowns that sit on a bound of the search"),
         Column("rejected_by", "map<string,int64>", "candidates that each constraint rejected"),
         Column("candidates", "int64", "candidates looked at", minimum=0),
         _number("min_clearance_m", "smallest distance between ellipses over the accounted time", "m"),
-        Column(
-            "margins", "map<string,float64>", "margin of each constraint; the closest one when infeasible"
-        ),
+        Column("margins", "map<string,float64>", "margin of each constraint; the closest one when infeasible"),
         Column("violations", "list<string>", "constraints that a reference policy violates"),
         Column("contact_after_T", "bool", "whether ellipses overlap between T and H", "", True),
         _number("start_acceleration_jump", "recorded acceleration at t_start minus the plan's 0", "m/s²"),
@@ -250,9 +248,7 @@ LOSSES = Table(
         Column("loss_hv_each", "list<float64>", "loss of each follower, nearest first, unweighted"),
         Column("follower_weights", "list<float64>", "weights of equation 17, nearest first"),
         _number("loss_hv_recorded", "followers' loss from their recorded motion, aggregated", minimum=0),
-        _number(
-            "loss_hv_simulated", "simulated counterpart of loss_hv_recorded over the same samples", minimum=0
-        ),
+        _number("loss_hv_simulated", "simulated counterpart of loss_hv_recorded over the same samples", minimum=0),
         _count("recorded_n_samples", "follower samples behind loss_hv_recorded"),
         _count("follower_n_samples", "follower samples charged; 0 when infeasible"),
         _number("av_comfort_raw", "AV's comfort from the recorded, unsmoothed path (human only)", minimum=0),
@@ -269,7 +265,7 @@ VALIDATION_MATRIX = Table(
     "form, accounting and stratum",
     ("form", "accounting", "stratum"),
     (
-        _word("form", "fixed or free end speed", names.FORMS),
+        _word("form", "fixed or free end speed; start, free_start: with a chosen start", _FORMS),
         _ACCOUNTING,
         _word("stratum", "all, or a class of one stratification"),
         _count("n_events", "events in the stratum, infeasible ones included"),
@@ -327,10 +323,7 @@ SUMMARY_LCM = Table(
         _word("group", "all, or a vehicle class"),
         _word("quantity", "LCM parameter or quality of fit"),
         _count("n", "fitted followers"),
-        *(
-            _number(q, f"{label} of ours")
-            for q, label in (("q25", "25 %"), ("q50", "median"), ("q75", "75 %"))
-        ),
+        *(_number(q, f"{label} of ours") for q, label in (("q25", "25 %"), ("q50", "median"), ("q75", "75 %"))),
         _number("mean", "mean of ours"),
         _number("share_at_bound", "share of fits with the parameter on a bound", minimum=0, maximum=1),
         *(_number(f"paper_{q}", "published value (Table 3)") for q in ("q25", "q50", "q75", "mean")),

@@ -223,7 +223,9 @@ class EventPage {
   }
 
   drawCharts() {
-    const marks = [this.main, this.compared].filter((p) => p && p.T !== null).map((p, k) => ({ x: p.T, label: k ? "" : "T" }));
+    const planned = [this.main, this.compared].filter((p) => p && p.T !== null);
+    const marks = planned.map((p, k) => ({ x: p.T, label: k ? "" : "T" }));
+    marks.push(...planned.filter((p) => p.start > 0).map((p, k) => ({ x: p.start, label: k ? "" : "start" })));
     for (const { chart, channels, several } of this.charts) {
       const drawn = this.drawn().filter(([play]) => !several || play === this.main || play === this.compared);
       chart.draw(drawn.flatMap(([play, width]) => this.series(play, width, channels)), [0, this.data.last], marks);
