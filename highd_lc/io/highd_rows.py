@@ -15,7 +15,7 @@ Columns = dict[str, NDArray[np.float64] | IntArray]
 
 # Far beyond anything on a road, so that a slipped decimal point or a torn number is not taken for motion.
 _FARTHEST, _FASTEST, _STRONGEST = 1e5, 200.0, 500.0
-_FIELDS = (
+FIELDS = (
     Field("frame", int, 0, LARGEST_FRAME),
     Field("id", int, 1, LARGEST_ID),
     Field("x", float, -_FARTHEST, _FARTHEST),
@@ -47,7 +47,7 @@ def read_rows(path: Path, vehicles: VehicleMetas) -> Rows:
     Raises InputError if a cell is not what it should be, a vehicle has no line in the metas or no row here, or
     two rows contradict each other.
     """
-    columns = read_columns(path, _FIELDS)
+    columns = read_columns(path, FIELDS)
     if len(columns["id"]) == 0:
         raise fault(path, "no rows")
     dropped = np.zeros(len(vehicles.id), dtype=np.int64)

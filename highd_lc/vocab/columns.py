@@ -52,6 +52,11 @@ def number(name: str, meaning: str, unit: str = "", *, nullable: bool = True, **
     return Column(name, "float64", meaning, unit, nullable, limits.get("minimum"), limits.get("maximum"))
 
 
+def single(name: str, meaning: str, unit: str) -> Column:
+    """A number of single precision: for the one large table, whose speeds HighD rounds to 0.01."""
+    return Column(name, "float32", meaning, unit)
+
+
 def count(name: str, meaning: str, unit: str = "", *, nullable: bool = False) -> Column:
     """A column of whole numbers from 0 on."""
     return Column(name, "int64", meaning, unit, nullable, minimum=0)

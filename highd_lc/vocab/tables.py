@@ -6,6 +6,7 @@ from highd_lc.vocab import names
 from highd_lc.vocab.columns import Column, Table
 from highd_lc.vocab.columns import count as _count
 from highd_lc.vocab.columns import number as _number
+from highd_lc.vocab.columns import single as _single
 from highd_lc.vocab.columns import word as _word
 from highd_lc.vocab.fit_tables import FIT_TABLES
 from highd_lc.vocab.lcm_parameters import PARAMETERS, UNITS
@@ -32,10 +33,10 @@ TRACKS = Table(
         _number("t", "time since the recording's frame 1", "s", nullable=False, minimum=0),
         _number("x", "box centre, forward from the entry end of the section", "m", nullable=False),
         _number("y", "box centre, left from the carriageway's right edge", "m", nullable=False),
-        _number("vx", "forward speed", "m/s", nullable=False),
-        _number("vy", "lateral speed, left positive", "m/s", nullable=False),
-        _number("ax", "forward acceleration", "m/s²", nullable=False),
-        _number("ay", "lateral acceleration, left positive", "m/s²", nullable=False),
+        _single("vx", "forward speed", "m/s"),
+        _single("vy", "lateral speed, left positive", "m/s"),
+        _single("ax", "forward acceleration", "m/s²"),
+        _single("ay", "lateral acceleration, left positive", "m/s²"),
         _number("length", "length of the vehicle's box", "m", nullable=False, minimum=0),
         _number("width", "width of the vehicle's box", "m", nullable=False, minimum=0),
         Column("lane", "int64", "1 = rightmost of its carriageway; null outside the markings", "", True, 1),
