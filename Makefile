@@ -9,7 +9,7 @@ OPTIONS := $(if $(DATA),--data $(DATA)) $(if $(WORK),--work $(WORK)) $(if $(REPO
 # Exit code 4: done, but something was skipped and listed. make passes it as success, in words.
 PASS_4 = || { code=$$?; [ $$code -eq 4 ] && echo "done; what was skipped is listed above (exit code 4)" || exit $$code; }
 
-.PHONY: setup demo ingest extract calibrate validate report scenarios synthesize test check bench clean
+.PHONY: setup demo ingest extract calibrate validate report scenarios synthesize test test-faults check bench bench-full clean
 
 setup: $(VENV)/.set-up
 $(VENV)/.set-up: pyproject.toml constraints.txt
@@ -39,6 +39,10 @@ synthesize: setup
 
 test: $(VENV)/.set-up-dev
 	@$(BIN)/python -m pytest
+
+# All faults: 50 kills, 4 workers, more bad input; `test` holds the short form.
+test-faults: $(VENV)/.set-up-dev
+	@HIGHD_LC_FAULTS=1 $(BIN)/python -m pytest tests/faults
 
 check: $(VENV)/.set-up-dev
 	@$(BIN)/ruff check .

@@ -28,13 +28,19 @@ def run(settings: Settings, options: Options, *, last: str, console: Console) ->
     if options.scheduler is not None:
         options = _absolute(options)
     with workspace.lock(options.work):
+        _remove_stale(options)
         try:
             atomic.write_text(options.work / "settings.json", resolved(settings))
             data = options.data or _synthesize(settings, options, console)
             return _run_stages(settings, options, data, last=last, console=console)
         finally:
-            # Of workers that were killed in the middle of a file.
-            atomic.remove_stale(options.work)
+            _remove_stale(options)
+
+
+def _remove_stale(options: Options) -> None:
+    """Clear away what runs and workers that were killed in the middle of a file left of it."""
+    for folder in (options.work, options.reports):
+        atomic.remove_stale(folder)
 
 
 def _absolute(options: Options) -> Options:

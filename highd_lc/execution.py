@@ -157,8 +157,9 @@ class Cluster:
 
     def __init__(self, address: str, *, probe: Callable[[], str]) -> None:
         self._address = address
+        self._probe, self._here = probe, probe()
         self._client = _connected(address)
-        self._refuse_others(probe)
+        self._refuse_others()
 
     def __enter__(self) -> Self:
         return self
@@ -171,19 +172,18 @@ class Cluster:
         from distributed import as_completed
 
         futures = {
-            self._client.submit(_one_at_a_time, call, pure=False, priority=-place): number
+            self._client.submit(on_worker, call, self._probe, self._here, pure=False, priority=-place): number
             for place, (number, call) in enumerate(calls.items())
         }
         for future in as_completed(list(futures)):
             yield futures[future], self._outcome(futures[future], future)
 
-    def _refuse_others(self, probe: Callable[[], str]) -> None:
-        ours = probe()
-        for worker, theirs in self._client.run(probe, on_error="return").items():
-            if theirs != ours:
-                text = f"worker {worker} is of no use: it reports {theirs!r}, this process {ours!r}"
+    def _refuse_others(self) -> None:
+        """Ask the workers that are there; those that join later are asked with their first call."""
+        for worker, there in self._client.run(self._probe, on_error="return").items():
+            if there != self._here:
                 self._client.close()
-                raise ClusterError(" ".join(text.split()))
+                raise ClusterError(f"worker {worker} {_of_no_use(there, self._here)}")
 
     def _outcome(self, number: int, future: Any) -> Callable[[], Any]:
         from distributed import KilledWorker
@@ -207,7 +207,7 @@ def _connected(address: str) -> "Client":
     except ImportError as error:
         raise MissingExtraError("--scheduler needs Dask: install highd-lc[cluster]") from error
     try:
-        return Client(address, timeout=_CONNECT_SECONDS, set_as_default=False)
+        return Client(address, timeout=_CONNECT_SECONDS)
     except (OSError, ValueError) as error:
         reason = " ".join(str(error).split())[:200]
         raise ClusterError(f"--scheduler {address}: no Dask scheduler answers there: {reason}") from error
@@ -216,7 +216,18 @@ def _connected(address: str) -> "Client":
 _TURN = threading.Lock()
 
 
-def _one_at_a_time(call: Callable[[], T]) -> T:
-    """A worker with several threads takes turns: the stages use caches that belong to their process."""
+def on_worker(call: Callable[[], T], probe: Callable[[], str], here: str) -> T:
+    """Carry out a call on a cluster's worker. Raises ClusterError if the worker's probe is another.
+
+    A worker with several threads takes turns: the stages use caches that belong to their process.
+    """
+    there = probe()
+    if there != here:
+        raise ClusterError(f"a worker {_of_no_use(there, here)}")
     with _TURN:
         return call()
+
+
+def _of_no_use(there: object, here: str) -> str:
+    text = f"is of no use: it reports {str(there)[:200]!r}, this process {here!r}"
+    return " ".join(text.split())

@@ -1,6 +1,7 @@
 """One stage over the recordings of a run: what is up to date, what has to be done, what failed."""
 
 import logging
+import os
 import traceback
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
@@ -148,7 +149,7 @@ class StageRun:
         s = self.settings
         if self._request is not None:
             pictures = "all" if self._request.pictures is None else digest(*sorted(self._request.pictures))
-            place = str(self.options.reports.resolve())
+            place = os.path.relpath(self.options.reports.resolve(), self.options.work.resolve())
             return [s.report, place, pictures, *self.options.events, *self.options.vector]
         sections: dict[str, list[Section | int | str]] = {
             "ingest": [s.ingest],

@@ -37,7 +37,7 @@ def read_json(path: Path) -> dict[str, Any]:
 
 @contextmanager
 def lock(work: Path) -> Iterator[None]:
-    """Keep other runs out of a work folder, and clear away what killed runs left unfinished in it.
+    """Keep other runs out of a work folder.
 
     The kernel releases the lock with the process, however that ends: a crash leaves none behind. Raises
     UsageError if another run is in it, StorageError if the folder cannot be written.
@@ -52,7 +52,6 @@ def lock(work: Path) -> Iterator[None]:
             fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError as error:
             raise UsageError(f"{work}: another run is using this work folder") from error
-        atomic.remove_stale(work)
         yield
 
 
