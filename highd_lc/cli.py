@@ -166,11 +166,12 @@ def scenarios(
     workers: Workers = 2,
 ) -> None:
     """Run the paper's scenarios and enter them beside every published number."""
-    path = settings_file.find_pipeline(pipeline or "scenarios")
-    made = scenario_stage.run(
-        settings_file.load_model(path, ScenarioSettings), out, sweep=sweep, work=work, threads=workers
-    )
+    settings = settings_file.load_model(settings_file.find_pipeline(pipeline or "scenarios"), ScenarioSettings)
+    with console.status("scenarios and every combination of the options" if sweep else "scenarios"):
+        made = scenario_stage.run(settings, out, sweep=sweep, work=work, threads=workers)
     console.print(claims_table(made.frames["claims"]))
+    if made.skipped:
+        errors.print(f"recordings left out: {made.skipped}", markup=False)
     console.print(f"scenarios: {made.page.resolve()}", soft_wrap=True)
 
 

@@ -13,6 +13,7 @@ from highd_lc.algorithms.scenario_run import (
     drive_plan,
     no_lane_change,
     plan_situation,
+    platoon_loss,
     traffic_columns,
 )
 from highd_lc.vocab import names
@@ -100,5 +101,6 @@ def _cell_columns(planned: Planned, cell: Cell, settings: ScenarioSettings, unch
         return row | {"status": planned.status}
     outcome = drive_plan(planned, plan, cell.accounting, followers=len(planned.problem.packed.follower_x))
     traffic = traffic_columns(outcome, unchanged, settings)
+    traffic["loss_hv_unchanged"] = platoon_loss(planned.problem, unchanged, cell.accounting, n=outcome.replay.av.n)
     shape = {"status": names.SOLVED, "T": plan.T, "x_final": plan.x_final, "v_end": plan.v_end}
     return row | shape | outcome.losses | traffic

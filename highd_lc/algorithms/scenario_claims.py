@@ -122,10 +122,11 @@ def claim_rows(book: Book) -> list[Row]:
         _claim_row(claim, scenario, form, accounting, book)
         for claim in CLAIMS
         for scenario in claim.printed
+        if book.variants(scenario)
         for form in names.FORMS
         for accounting in names.ACCOUNTINGS
     ]
-    return rows + list(weight_rows(book))
+    return rows + (list(weight_rows(book)) if DEFAULT in book.variants("1") else [])
 
 
 def _claim_row(claim: Claim, scenario: str, form: str, accounting: str, book: Book) -> Row:
@@ -142,7 +143,7 @@ def _claim_row(claim: Claim, scenario: str, form: str, accounting: str, book: Bo
         "accounting": accounting,
         "statement": claim.statement,
         "printed": claim.printed[scenario],
-        "default_verdict": found[book.default_variant(scenario)],
+        "default_verdict": found.get(book.default_variant(scenario), MISSING),
         "cells": len(holds) + len(fails) + len(unchanged),
         "holds": len(holds),
         "fails": len(fails),

@@ -21,6 +21,7 @@ from highd_lc.algorithms.replay import Replay, plan_motion, replay
 from highd_lc.algorithms.scenario import Situation, scene_of, steady_lead
 from highd_lc.algorithms.search import search
 from highd_lc.core.edie import clip_to_rectangle, edie, trajectories_of
+from highd_lc.core.losses import command_jerk, cumulative_comfort
 from highd_lc.core.quintic import Quintic, sample
 from highd_lc.vocab import names
 from highd_lc.vocab.scenarios import RectangleSettings, ScenarioSettings, SectionSettings
@@ -136,6 +137,18 @@ def drive_behind(posed: Situation, lead: Lead, *, followers: int | None = None) 
 def no_lane_change(posed: Situation, *, followers: int | None = None) -> Platoon:
     """The platoon without the AV."""
     return drive_behind(posed, leader_lead(posed), followers=followers)
+
+
+def platoon_loss(problem: PlanningProblem, platoon: Platoon, accounting: str, *, n: int) -> float:
+    """Loss of the planned followers in a run of the platoon over the accounted time. n: sample of T."""
+    terms, settings, dt = problem.terms, problem.settings.loss, problem.scene.dt
+    samples = len(problem.packed.target_v)
+    _, last = scoring.charged_samples(accounting, n, samples - 1)
+    p = len(terms.weights)
+    v, a = platoon.v[:p, :samples], platoon.a[:p, :samples]
+    comfort = cumulative_comfort(command_jerk(a, dt), scale=settings.comfort_scale)[:, last]
+    efficiency = scoring.follower_efficiency(v, terms, settings)[:, last]
+    return float(0.5 * terms.weights @ (comfort + efficiency))
 
 
 def traffic_columns(outcome: Outcome, unchanged: Platoon, settings: ScenarioSettings) -> dict[str, Any]:

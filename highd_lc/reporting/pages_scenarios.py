@@ -161,8 +161,11 @@ _DETAIL_COLUMNS: Final = (
 )
 
 
-def claims_section(claims: pd.DataFrame) -> Section:
-    """The claims by form and accounting: verdict under the default options, and in how many variants it holds."""
+def claims_section(claims: pd.DataFrame, *, title: str = "Claims", what: str = "variants") -> Section:
+    """The claims by form and accounting: verdict under the default options, and in how many variants it holds.
+
+    what: of what the cells are counted; a sweep's are too many to be listed.
+    """
     labelled = claims.assign(
         scenario_label=claims["scenario"].map(scenario_words),
         cell=[f"{r.form} {r.accounting}" for r in claims.itertuples()],
@@ -178,18 +181,17 @@ def claims_section(claims: pd.DataFrame) -> Section:
     index = ["claim", "scenario", "statement", "scenario_label", "printed"]
     wide = labelled.pivot_table(index=index, columns="cell", values="verdict", aggfunc="first", sort=False)
     text = (
-        "Each cell: the verdict under the default options, then in how many of the variants the claim holds, "
-        "of those "
-        "that have both plans. “No change” means that benchmark and local optimum are the same plan, or "
-        "differ by less "
-        "than 0.1 %."
+        f"Each cell: the verdict under the default options, then in how many of the {what} the claim holds, "
+        "of those that have both plans. “No change” means that both plans are the same, or differ "
+        "by less than 0.1 %."
     )
+    details = table_view(labelled, _DETAIL_COLUMNS, "The options under which each claim holds and fails")
     return Section(
-        "Claims",
+        title,
         (text,),
         tables=(table_view(wide.reset_index(), _CLAIM_COLUMNS),),
-        folded=(table_view(labelled, _DETAIL_COLUMNS, "The options under which each claim holds and fails"),),
-        anchor="claims",
+        folded=(details,) if what == "variants" else (),
+        anchor=title.lower().replace(" ", "-"),
     )
 
 

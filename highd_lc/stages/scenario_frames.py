@@ -1,6 +1,7 @@
 """What the scenarios come to, as tables: rows of the algorithms put into frames."""
 
 from collections.abc import Iterable
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -14,7 +15,7 @@ from highd_lc.algorithms.scenario_arithmetic import arithmetic_rows
 from highd_lc.algorithms.scenario_cells import DEFAULT, rows_of_variants
 from highd_lc.algorithms.scenario_claims import claim_rows
 from highd_lc.algorithms.scenario_contacts import contact_rows
-from highd_lc.algorithms.scenario_ledger import Book, ledger_rows, value_of
+from highd_lc.algorithms.scenario_ledger import Book, closest_rows, ledger_rows, value_of
 from highd_lc.algorithms.scenario_printed import rows_of_printed_state
 from highd_lc.algorithms.scenario_run import (
     Cell,
@@ -45,6 +46,17 @@ _MEASURES = {
 }
 
 
+@dataclass(frozen=True)
+class Given:
+    """What comes from outside: LCM parameters of drivers fitted to recordings, shape (n, 6), n = 0 for none, and
+
+    the cells of a sweep over the options, empty without one.
+    """
+
+    fitted: FloatArray
+    swept: list[Row]
+
+
 def frame(name: str, rows: Iterable[Row]) -> pd.DataFrame:
     """Rows as a frame with all columns of a table, in its order."""
     columns = list(TABLES[name].column_names)
@@ -72,22 +84,19 @@ def scenario_frames(
     stories: dict[str, Story],
     settings: ScenarioSettings,
     *,
-    fitted: FloatArray,
+    given: Given,
     threads: int,
 ) -> dict[str, pd.DataFrame]:
-    """All tables but the sweep and the recordings', by name.
-
-    fitted: LCM parameters of drivers fitted to recordings, shape (n, 6), n = 0 if there are none; threads: over
-    the variants.
-    """
+    """All tables but those of a recorded lane change, by name. threads: over the variants."""
     cells = rows_of_variants(settings, threads=threads) + rows_of_printed_state(settings)
     book = Book.of(cells, settings)
     drivers = scenario_growth.published_drivers()
-    if len(fitted):
-        drivers[f"fitted ({len(fitted)} followers)"] = fitted
+    if len(given.fitted):
+        drivers[f"fitted ({len(given.fitted)} followers)"] = given.fitted
     rows: dict[str, Iterable[Row]] = {
         "scenario_cells": cells,
-        "ledger": ledger_rows(book),
+        "ledger": ledger_rows(book, swept=given.swept),
+        "closest": closest_rows([*cells, *given.swept]),
         "claims": claim_rows(book),
         "arithmetic": arithmetic_rows(),
         "contacts": contact_rows(settings),
@@ -98,6 +107,9 @@ def scenario_frames(
         "string_stability": scenario_growth.stability_rows(drivers),
         "scenario_tracking": tracking_rows(planned[0], settings),
     }
+    if given.swept:
+        rows["scenario_sweep"] = given.swept
+        rows["sweep_claims"] = claim_rows(Book.of(given.swept, settings))
     return {name: frame(name, found) for name, found in rows.items()}
 
 

@@ -49,6 +49,9 @@ def write_pages(
     lead = tables.lead(frames, settings)
     index = pages.scenario_page("index.html", "The paper's scenarios", sections, lead=lead, back=back)
     entries = [pages.claims_section(frames["claims"]), *pages.ledger_sections(frames["ledger"])]
+    if "sweep_claims" in frames:
+        swept = pages.claims_section(frames["sweep_claims"], title="Claims over the sweep", what="combinations")
+        entries.insert(1, swept)
     entries.append(pages.arithmetic_section(frames["arithmetic"]))
     title = "Every published number, ours, and the ratio"
     ledger = pages.scenario_page("ledger.html", title, entries, lead=tables.ledger_lead(frames), back=back)

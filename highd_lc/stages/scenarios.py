@@ -5,27 +5,39 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 
 from highd_lc.algorithms.scenario_cells import rows_of_sweep
 from highd_lc.io import artefacts, workspace
 from highd_lc.io.settings import digest
 from highd_lc.reporting.labels import RECORDED
-from highd_lc.stages.scenario_frames import default_plans, frame, scenario_frames, story_of, wave_columns
+from highd_lc.stages.scenario_frames import Given, default_plans, frame, scenario_frames, story_of, wave_columns
 from highd_lc.stages.scenario_pages import write_pages
-from highd_lc.stages.scenario_recordings import fitted_drivers, has_recordings, recorded_change, state_rows
+from highd_lc.stages.scenario_recordings import (
+    RecordedChange,
+    fitted_drivers,
+    has_recordings,
+    recorded_change,
+    state_rows,
+)
+from highd_lc.vocab.errors import ArtefactError
 from highd_lc.vocab.job import Provenance
 from highd_lc.vocab.lcm_parameters import PARAMETERS
 from highd_lc.vocab.scenarios import ScenarioSettings
 
-SWEEP = "scenario_sweep"
+FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
 class ScenarioReport:
-    """What a run of the scenarios left behind: its tables by name, and the page to open."""
+    """What a run of the scenarios left behind: its tables by name, and the page to open.
+
+    skipped: why the recordings' part was left out although there is a work folder; empty if it was not.
+    """
 
     frames: dict[str, pd.DataFrame]
     page: Path
+    skipped: str = ""
 
 
 def run(
@@ -39,19 +51,30 @@ def run(
     """
     planned = default_plans(settings)
     stories = {one.situation.key: story_of(one, settings) for one in planned}
-    recordings = work if work is not None and has_recordings(work) else None
-    fitted = np.empty((0, len(PARAMETERS))) if recordings is None else fitted_drivers(recordings)
-    frames = scenario_frames(planned, stories, settings, fitted=fitted, threads=threads)
-    change = None if recordings is None else recorded_change(recordings, settings)
+    fitted, change, skipped = load_recordings(work, settings)
+    swept = [row for part in rows_of_sweep(settings, threads=threads) for row in part] if sweep else []
+    given = Given(fitted, swept)
+    frames = scenario_frames(planned, stories, settings, given=given, threads=threads)
     if change is not None:
         frames["recorded_state"] = frame("recorded_state", state_rows(change))
         row = {"scenario": change.event_id, "policy": RECORDED, **wave_columns(change.wave)}
         frames["waves"] = pd.concat([frames["waves"], frame("waves", [row])], ignore_index=True)
-    if sweep:
-        rows = (row for part in rows_of_sweep(settings, threads=threads) for row in part)
-        frames[SWEEP] = frame(SWEEP, rows)
     provenance = Provenance(digest(settings), {}, settings.seed, workspace.code_version())
     for name, table in frames.items():
         artefacts.write(out / f"{name}.parquet", artefacts.to_arrow(name, table, provenance))
     write_pages(out, frames, stories, settings, change)
-    return ScenarioReport(frames, out / "index.html")
+    return ScenarioReport(frames, out / "index.html", skipped)
+
+
+def load_recordings(
+    work: Path | None, settings: ScenarioSettings
+) -> tuple[FloatArray, RecordedChange | None, str]:
+    """Fitted drivers and a real lane change of a work folder; none, and why, where its artefacts are of no use."""
+    none = np.empty((0, len(PARAMETERS)))
+    if work is None or not has_recordings(work):
+        return none, None, ""
+    try:
+        return fitted_drivers(work), recorded_change(work, settings), ""
+    except ArtefactError as error:
+        # The scenarios need no recordings: a folder of an older version must not stop them.
+        return none, None, str(error)

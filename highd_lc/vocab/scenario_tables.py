@@ -50,6 +50,7 @@ _OUTCOME = (
     number("hv_comfort", "their comfort, normalised"),
     number("hv_efficiency", "their efficiency, normalised"),
     number("loss_total", "loss_av + loss_hv"),
+    number("loss_hv_unchanged", "loss of the followers over the same time without a lane change"),
     number("av_v_max", "highest speed of the AV", "m/s"),
     number("av_v_end", "its speed after the manoeuvre", "m/s"),
     number("hv1_v_min", "lowest speed of HV_1", "m/s"),
@@ -76,8 +77,9 @@ SWEEP = Table(
 LEDGER = Table(
     "ledger",
     "published number",
-    ("key",),
+    ("place",),
     (
+        count("place", "its place in the paper's order"),
         word("key", "scenario, policy and quantity"),
         _SCENARIO,
         _POLICY,
@@ -97,25 +99,37 @@ LEDGER = Table(
     ),
 )
 
-CLAIMS = Table(
-    "claims",
-    "claim of the paper, scenario, form and accounting",
-    ("claim", "scenario", "form", "accounting"),
+_CLAIM = (
+    word("claim", "short name"),
+    _SCENARIO,
+    word("form", "end speed of the plan", names.FORMS),
+    word("accounting", "over which time each side is charged", names.ACCOUNTINGS),
+    word("statement", "the direction of change that the paper states"),
+    word("printed", "the printed numbers behind it"),
+    word("default_verdict", "under the default options", VERDICTS),
+    count("cells", "variants in which both plans exist"),
+    count("holds", "variants in which the claim holds"),
+    count("fails", "variants in which the opposite happens"),
+    count("unchanged", "variants in which nothing changes"),
+    Column("holds_under", "list<string>", "those in which it holds"),
+    Column("fails_under", "list<string>", "those in which the opposite happens or nothing changes"),
+    Column("no_plan_under", "list<string>", "those in which one of the two plans does not exist"),
+)
+_CLAIM_ORDER = ("claim", "scenario", "form", "accounting")
+CLAIMS = Table("claims", "claim of the paper, scenario, form and accounting", _CLAIM_ORDER, _CLAIM)
+SWEEP_CLAIMS = Table("sweep_claims", "the same over all combinations of the sweep", _CLAIM_ORDER, _CLAIM)
+
+CLOSEST = Table(
+    "closest",
+    "scenario",
+    ("scenario",),
     (
-        word("claim", "short name"),
         _SCENARIO,
-        word("form", "end speed of the plan", names.FORMS),
-        word("accounting", "over which time each side is charged", names.ACCOUNTINGS),
-        word("statement", "the direction of change that the paper states"),
-        word("printed", "the printed numbers behind it"),
-        word("default_verdict", "under the default options", VERDICTS),
-        count("cells", "variants in which both plans exist"),
-        count("holds", "variants in which the claim holds"),
-        count("fails", "variants in which the opposite happens"),
-        count("unchanged", "variants in which nothing changes"),
-        Column("holds_under", "list<string>", "those in which it holds"),
-        Column("fails_under", "list<string>", "those in which the opposite happens or nothing changes"),
-        Column("no_plan_under", "list<string>", "those in which one of the two plans does not exist"),
+        word("cell", "variant, form and accounting in which most printed numbers come out together"),
+        count("numbers", "printed numbers on benchmark and local optimum, without Table 1"),
+        count("reproduced", "those within 1 %"),
+        count("near", "those within 10 %"),
+        number("median_log", "median of |ln(ours / published)|; infinite if a number is missing"),
     ),
 )
 
@@ -268,6 +282,8 @@ SCENARIO_TABLES: Final = (
     SWEEP,
     LEDGER,
     CLAIMS,
+    SWEEP_CLAIMS,
+    CLOSEST,
     ARITHMETIC,
     CONTACTS,
     RECTANGLE,

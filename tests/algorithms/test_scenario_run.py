@@ -11,6 +11,7 @@ from highd_lc.algorithms.scenario_run import (
     drive_plan,
     lead_of_motion,
     no_lane_change,
+    platoon_loss,
     rectangle_measures,
     rectangle_totals,
     traffic_columns,
@@ -55,6 +56,14 @@ def test_each_plan_is_the_best_in_its_own_objective(form, accounting):
         own = omega * losses[omega]["loss_av"] + (1 - omega) * losses[omega]["loss_hv"]
         for other in losses.values():
             assert own <= omega * other["loss_av"] + (1 - omega) * other["loss_hv"] + 1e-9
+
+
+@pytest.mark.parametrize("accounting", names.ACCOUNTINGS)
+def test_loss_of_a_run_is_that_of_the_planner(accounting):
+    one = planned("2_20")
+    outcome = drive_plan(one, one.plan(FIXED), accounting)
+    found = platoon_loss(one.problem, outcome.platoon, accounting, n=outcome.replay.av.n)
+    assert found == pytest.approx(outcome.losses["loss_hv"], rel=1e-9)
 
 
 def test_av_goes_on_at_its_last_speed():

@@ -22,7 +22,7 @@ def small() -> ScenarioSettings:
     values["scenario_3"]["av_speeds"] = (25.0,)
     values["planner"] |= {"x_nodes": 8, "v_nodes": 4, "T_nodes_free": 8, "zoom_starts": 1}
     values["variants"] = {"bumpers": {"gap_reading": "bumpers"}}
-    values["sweep"] = {"v_ref_av": (33.54,)}
+    values["sweep"] = {"v_ref_av": (30.0, 33.54)}
     values["omegas"] = (0.1, 0.5, 1.0)
     return ScenarioSettings.model_validate(values)
 
@@ -38,6 +38,23 @@ def test_every_table_is_written_and_read_back(made):
     for name in names:
         back = artefacts.read_file(made.page.parent / f"{name}.parquet", name)
         assert len(back) == len(made.frames[name]) > 0
+
+
+def test_a_sweep_with_the_default_combination_has_its_verdicts(made):
+    """The default options are one of the sweep's combinations: same verdicts as the default variant."""
+    index = ["claim", "scenario", "form", "accounting"]
+    swept = made.frames["sweep_claims"].set_index(index)["default_verdict"]
+    named = made.frames["claims"].set_index(index)["default_verdict"]
+    assert len(swept) > 80
+    assert (swept == named.loc[swept.index]).all()
+
+
+def test_the_closest_cell_is_one_cell(made):
+    closest = made.frames["closest"].set_index("scenario")
+    assert list(closest.index) == ["1", "2_15", "2_20", "3"]
+    assert (closest["reproduced"] <= closest["near"]).all()
+    assert (closest["near"] <= closest["numbers"]).all()
+    assert closest.loc["1", "numbers"] == 15
 
 
 def test_figures_and_pages_are_there(made):
