@@ -30,6 +30,8 @@ _THIN: Final = {"x_nodes": 17, "v_nodes": 7}
 _DURATION_STEP_FIXED: Final = 4
 _DURATION_STEP_FREE: Final = 8
 _LEADING: Final = 3
+_PROMISING: Final = 1.25
+"""How far above the best value on the thin grid a start may lie to be refined; the grid errs by less."""
 
 Key = tuple[int, int]
 """A start: number of its gap, delay in samples."""
@@ -39,11 +41,12 @@ CONTAINED: Final = (0, 0)
 
 @dataclass(frozen=True)
 class StartProblem:
-    """Every start of an event: its gaps and the AV's waiting for them."""
+    """Every start of an event from sample ``earliest`` on: its gaps and the AV's waiting for them."""
 
     problem: PlanningProblem
     waiting: Waiting
     gaps: tuple[Gap, ...]
+    earliest: int = 0
 
     @cached_property
     def latest(self) -> int:
@@ -56,7 +59,9 @@ class StartProblem:
         planner, dt = self.problem.settings.planner, self.problem.packed.dt
         last = min(round(planner.max_delay_s / dt), self.latest - round(planner.T_min / dt))
         last = min(last, self.waiting.contact - 1) if self.waiting.contact < NO_CONTACT else last
-        return np.flatnonzero(self.gaps[gap].opens(self.waiting)[: last + 1])
+        allowed = np.flatnonzero(self.gaps[gap].opens(self.waiting)[: last + 1])
+        later: IntArray = allowed[allowed >= self.earliest]
+        return later
 
     def task(self, key: Key) -> Task:
         """The search that a start poses."""
@@ -131,10 +136,13 @@ def _thin_grid(task: Task, free: bool) -> Pool:
 def _leading(pools: dict[Key, Pool], goal: Goal) -> list[Key]:
     """The most promising starts of a goal, no two of them neighbours on the coarse grid."""
     value = {key: float(pool.objective(goal).min()) for key, pool in pools.items() if len(pool)}
+    value = {key: lowest for key, lowest in value.items() if np.isfinite(lowest)}
     chosen: list[Key] = []
     for key in sorted(value, key=lambda key: (value[key], key)):
         near = any(key[0] == gap and abs(key[1] - d) <= _DELAY_STEP for gap, d in chosen)
-        if np.isfinite(value[key]) and not near:
+        if not value[key] <= _PROMISING * min(value.values()):
+            break
+        if not near:
             chosen.append(key)
         if len(chosen) == _LEADING:
             break

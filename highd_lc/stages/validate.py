@@ -14,6 +14,7 @@ from highd_lc.algorithms.tracked_motion import loss_av, planned_motion, tracked_
 from highd_lc.algorithms.tracker import track
 from highd_lc.core.quintic import sample
 from highd_lc.io import artefacts
+from highd_lc.io.foresight_table import foresight_summary
 from highd_lc.io.population_tables import (
     cross_scores,
     gain_map,
@@ -29,6 +30,7 @@ from highd_lc.stages.validate_studies import (
     Samples,
     Study,
     cross_rows,
+    foresight_rows,
     samples,
     solver_rows,
     study_rows,
@@ -82,6 +84,9 @@ def _event_rows(scene: Scene, job: Job, chosen: Samples) -> Iterator[tuple[str, 
         yield "cross_losses", row
     if scene.event_id in chosen.studied:
         yield from study_rows(study)
+    if scene.event_id in chosen.foreseen:
+        for row in foresight_rows(study):
+            yield "foresight", row
     if scene.event_id in chosen.compared:
         for row in solver_rows(study):
             yield "solver_comparison", row
@@ -232,4 +237,5 @@ def _population(combination: Combination, events: pd.DataFrame) -> Iterator[tupl
     yield "leave_one_out", leave_one_out(events, losses, settings, seed=seed)
     yield "cross_scores", cross_scores(artefacts.read(work, "cross_losses"), settings, seed=seed)
     yield "horizon_sensitivity", horizon_sensitivity(artefacts.read(work, "horizon_losses"), settings, seed=seed)
+    yield "foresight_summary", foresight_summary(artefacts.read(work, "foresight"), settings, seed=seed)
     yield "solver_summary", solver_summary(artefacts.read(work, "solver_comparison"))

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from highd_lc.algorithms import pareto, rescoring, sqp, uncertainty
+from highd_lc.algorithms.foresight import Driven, with_predicted, with_recorded, with_replanning
 from highd_lc.algorithms.planner import Plan, PlanningProblem
 from highd_lc.algorithms.pool import Goal, Pool
 from highd_lc.algorithms.rescoring import Charged
@@ -20,12 +21,20 @@ from highd_lc.io.statistics import PAIR_OF_FORM
 from highd_lc.vocab import names
 from highd_lc.vocab.job import Job
 from highd_lc.vocab.settings import StudySettings
-from highd_lc.vocab.study_tables import FRONT, IDM, LCM, LCM_DRAWN, SWEEP
+from highd_lc.vocab.study_tables import FRONT, IDM, KNOWLEDGE, LCM, LCM_DRAWN, SWEEP
 
 FloatArray = NDArray[np.float64]
 Row = dict[str, Any]
 
-STUDY_TABLES = ("cross_losses", "horizon_losses", "pareto", "pareto_summary", "uncertainty", "solver_comparison")
+STUDY_TABLES = (
+    "cross_losses",
+    "horizon_losses",
+    "pareto",
+    "pareto_summary",
+    "uncertainty",
+    "solver_comparison",
+    "foresight",
+)
 """The parts that are written for each recording."""
 OPTIMAL = (*names.FIXED_POLICIES, *names.FREE_POLICIES)
 """The policies whose plans are scored and studied."""
@@ -35,8 +44,8 @@ _MOST_FOLLOWERS = 3
 
 @dataclass(frozen=True)
 class Samples:
-    """Ids of the events that are studied, of those on which the solvers are compared, of those whose start is chosen
-    as well, and of those among them that are planned with predicted leaders.
+    """Ids of the events that are studied, of those on which the solvers are compared, of those whose start is
+    chosen as well, and of those among them that are planned with predicted leaders.
     """
 
     studied: frozenset[str]
@@ -116,6 +125,30 @@ class Study:
     def rng(self, purpose: str) -> np.random.Generator:
         """The event's random generator for one purpose."""
         return event_generator(self.seed, self.problem.scene.event_id, purpose=purpose)
+
+
+def foresight_rows(study: Study) -> Iterator[Row]:
+    """Rows of ``foresight``: both policies that choose their start, with each kind of knowledge of the leaders."""
+    if not study.solvable:
+        return
+    omegas = (1.0, study.problem.settings.loss.omega_av)
+    kinds = zip(KNOWLEDGE, (with_recorded, with_predicted, with_replanning), strict=True)
+    for knowledge, drive in kinds:
+        for policy, omega in zip(names.START_POLICIES, omegas, strict=True):
+            yield {
+                "policy": policy,
+                "knowledge": knowledge,
+                **_foreseen(drive(study.problem, Goal(names.EQUAL, omega))),
+            }
+
+
+def _foreseen(driven: Driven) -> Row:
+    row: Row = {"loss_av": driven.loss_av, "loss_hv": driven.loss_hv, "objective": driven.objective}
+    row |= {"touches": driven.touches, "plannings": driven.plannings}
+    choice = driven.choice
+    if choice is None:
+        return row | {"delay_s": np.nan, "gap": "", "T": np.nan}
+    return row | {"delay_s": choice.delay_s, "gap": choice.gap, "T": choice.T}
 
 
 def cross_rows(study: Study) -> Iterator[Row]:

@@ -212,6 +212,55 @@ UNCERTAINTY = Table(
     ),
 )
 
+RECORDED: Final = "recorded"
+PREDICTED: Final = "predicted"
+REPLANNED: Final = "replanned"
+KNOWLEDGE: Final = (RECORDED, PREDICTED, REPLANNED)
+"""What the AV knows of the leaders: recorded motion; constant speed from t_start; that, every 0.5 s anew."""
+
+_KNOWLEDGE = word("knowledge", "the leaders' motion as the AV knows it", KNOWLEDGE)
+
+FORESIGHT = Table(
+    "foresight",
+    "event of the sample, policy with a chosen start, and knowledge; accounting equal, fixed form",
+    ("recording_id", "event_id", "policy", "knowledge"),
+    (
+        _EVENT,
+        _RECORDING,
+        word("policy", "whose start is chosen", names.START_POLICIES),
+        _KNOWLEDGE,
+        number("delay_s", "wait before the manoeuvre; null if no plan was found", "s", minimum=0),
+        word("gap", "where the AV goes; empty if no plan was found"),
+        number("T", "duration of the manoeuvre", "s"),
+        number("loss_av", "AV's loss among the recorded leaders", minimum=0),
+        number("loss_hv", "followers' loss among the recorded leaders", minimum=0),
+        number("objective", "the joint objective of the policy among the recorded leaders", minimum=0),
+        Column("touches", "bool", "whether ellipses overlap among the recorded leaders"),
+        count("plannings", "how many times a plan was made"),
+    ),
+)
+
+FORESIGHT_SUMMARY = Table(
+    "foresight_summary",
+    "policy with a chosen start, and knowledge",
+    ("policy", "knowledge"),
+    (
+        word("policy", "whose start is chosen", names.START_POLICIES),
+        _KNOWLEDGE,
+        count("n_events", "events of the sample with a plan under recorded leaders"),
+        count("no_plan", "of these, events in which no plan was found with this knowledge"),
+        count("touching", "of these, events in which the plan touches somebody among the recorded leaders"),
+        count("n_compared", "of these, events with a plan that touches nobody"),
+        number("mean_delay_s", "mean wait over the compared events", "s"),
+        number("share_waiting", "share of the compared events with a wait", minimum=0, maximum=1),
+        number("objective", "sum of the objective over the compared events"),
+        number("objective_recorded", "the same events under recorded leaders"),
+        number("value_of_information", "1 - objective_recorded / objective: what knowing the leaders is worth"),
+        number("value_low", "lower end of its bootstrap interval over recordings"),
+        number("value_high", "upper end of its bootstrap interval over recordings"),
+    ),
+)
+
 SOLVER_COMPARISON = Table(
     "solver_comparison",
     "event of the sample, form, accounting and weight of the AV",
@@ -269,6 +318,8 @@ STUDY_TABLES: Final = (
     PARETO,
     PARETO_SUMMARY,
     UNCERTAINTY,
+    FORESIGHT,
+    FORESIGHT_SUMMARY,
     SOLVER_COMPARISON,
     SOLVER_SUMMARY,
 )
