@@ -80,9 +80,9 @@ def _drive_lcm(
     K, samples, dt = len(to_T), len(av_v), scene.dt
     front, speed = np.empty(samples * K), np.empty(samples * K)
     for k in range(samples):
-        early = k < insertion
-        front[k * K : (k + 1) * K] = scene.target_front[k] if early else av_front[k]
-        speed[k * K : (k + 1) * K] = scene.target_v[k] if early else av_v[k]
+        for w in range(k * K, (k + 1) * K):
+            front[w] = scene.target_front[k] if k < insertion else av_front[k]
+            speed[w] = scene.target_v[k] if k < insertion else av_v[k]
     state = np.empty(5 * K)
     both_sides = 0.0 if terms.one_sided else 1.0
     for i in range(len(scene.follower_x)):
@@ -137,8 +137,10 @@ def _drive_idm(
 ) -> tuple[float, float]:
     """The followers' loss to T and to H when all are the same IDM driver; conventions of ``replay.follow``."""
     dt, to_T, to_H = scene.dt, 0.0, 0.0
-    front, speed = av_front.copy(), av_v.copy()
-    front[:insertion], speed[:insertion] = scene.target_front[:insertion], scene.target_v[:insertion]
+    front, speed = np.empty(len(av_v)), np.empty(len(av_v))
+    for k in range(len(av_v)):
+        front[k] = scene.target_front[k] if k < insertion else av_front[k]
+        speed[k] = scene.target_v[k] if k < insertion else av_v[k]
     for i in range(len(scene.follower_x)):
         x, v = scene.follower_x[i] + scene.follower_length[i] / 2.0, scene.follower_v[i]
         ahead, before, loss = scene.length if i == 0 else scene.follower_length[i - 1], 0.0, 0.0
