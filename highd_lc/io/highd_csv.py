@@ -94,9 +94,8 @@ def _read_general(path: Path, fields: Sequence[Field]) -> dict[str, Array]:
     columns = {f.name: _to_numpy(table[f.name], f) for f in fields}
     if any(_is_faulty(columns[f.name], f) for f in fields):
         _raise_first_fault(path, fields, "holds values out of range")
-    return {
-        f.name: columns[f.name].astype(np.int64, copy=False) if f.kind is int else columns[f.name] for f in fields
-    }
+    # Arrow's own memory is read-only; what is read here belongs to the caller.
+    return {f.name: columns[f.name].astype(np.int64 if f.kind is int else columns[f.name].dtype) for f in fields}
 
 
 def _read(path: Path, types: Mapping[str, pa.DataType]) -> pa.Table:

@@ -25,12 +25,24 @@ BoolArray = NDArray[np.bool_]
 
 STAGE = "ingest"
 # Tolerances of the cross-checks against the metas, which are rounded to 0.01 and computed from values before
-# rounding: a gap is the difference of four rounded numbers; the travelled distance that of two centres.
+# rounding: a gap is the difference of four rounded numbers. From where to where a distance is travelled the metas
+# do not say: half a vehicle in view at either end is let pass.
 _GAP_TOLERANCE_M = 0.05
 _TIME_GAP_TOLERANCE = 0.03
-_TRAVELLED_TOLERANCE_M = 0.5
-# Share of vehicles that has to agree. HighD itself reaches 0.9998 for lane changes (HIGHD.md).
-_NEEDED_SHARE = {"n_frames": 1.0, "lane_changes": 0.999, "min_gap": 0.99, "min_time_gap": 0.99, "travelled": 0.99}
+_TRAVELLED_TOLERANCE_M = 10.0
+# Share of vehicles that may disagree; one always may where it is above 0. HighD itself has 0.0002 for lane changes
+# (HIGHD.md); smallest gaps hang on a single row. A number of rows other than the metas' means a torn file.
+_SHARE_LET_PASS = {
+    "n_frames": 0.0,
+    "lane_changes": 0.001,
+    "min_gap": 0.05,
+    "min_time_gap": 0.05,
+    "travelled": 0.01,
+}
+# What columns of the tracks may contradict each other: lane ids and y, positions and speeds. Swapped columns or a
+# wrong frame rate exceed this by far; HighD's rounding and its section ends do not reach it.
+_LARGEST_LANE_MISMATCH = 0.02
+_LARGEST_DISAGREEMENT_MPS = 1.0
 
 
 def run(job: Job) -> JobReport:
@@ -78,7 +90,8 @@ def _problems(recording: int, quality: pd.DataFrame) -> list[Problem]:
         Problem(
             recording,
             STAGE,
-            f"direction {row.driving_direction}: tracks and tracksMeta disagree on {', '.join(row.failed_checks)}",
+            f"recording {recording:02d}, direction {row.driving_direction}: the files contradict themselves: "
+            f"{', '.join(row.failed_checks)}",
         )
         for row in quality.itertuples()
         if row.failed_checks
@@ -105,10 +118,11 @@ def _quality(recording: Recording, job: Job) -> pd.DataFrame:
         rows.append(
             {
                 **_road(recording, int(direction)),
-                **_counts(recording, facts, own),
-                **_motion(recording, own, trim=settings.trim_ends_m),
-                **_checks(agreement, own),
+                **(counts := _counts(recording, facts, own)),
+                **(motion := _motion(recording, own, trim=settings.trim_ends_m)),
+                **_shares(agreement, own),
                 "bias_removed": settings.remove_bias,
+                "failed_checks": [*_failed_metas(agreement, own), *_failed_columns({**counts, **motion})],
             }
         )
     return pd.DataFrame(rows)
@@ -180,11 +194,30 @@ def _agreement(recording: Recording, facts: VehicleFacts) -> dict[str, tuple[Boo
     }
 
 
-def _checks(agreement: dict[str, tuple[BoolArray, BoolArray]], own: IntArray) -> dict[str, object]:
-    shares, failed = {}, []
+def _shares(agreement: dict[str, tuple[BoolArray, BoolArray]], own: IntArray) -> dict[str, float]:
+    """Share of the vehicles that have a check and agree, NaN if none has it."""
+    return {
+        f"share_{name}": float(equal[own][known[own]].mean()) if known[own].any() else float("nan")
+        for name, (known, equal) in agreement.items()
+    }
+
+
+def _failed_metas(agreement: dict[str, tuple[BoolArray, BoolArray]], own: IntArray) -> list[str]:
+    """Checks against the metas in which more vehicles disagree than are let pass."""
+    failed = []
     for name, (known, equal) in agreement.items():
-        total, agree = int(known[own].sum()), int((known & equal)[own].sum())
-        shares[f"share_{name}"] = agree / total if total else float("nan")
-        if total - agree > max(1, (1 - _NEEDED_SHARE[name]) * total):
-            failed.append(f"{name} ({total - agree} of {total} vehicles)")
-    return {**shares, "failed_checks": failed}
+        total, wrong = int(known[own].sum()), int((known & ~equal)[own].sum())
+        share = _SHARE_LET_PASS[name]
+        if wrong > max(1 if share else 0, share * total):
+            failed.append(f"{name} ({wrong} of {total} vehicles)")
+    return failed
+
+
+def _failed_columns(quality: dict[str, object]) -> list[str]:
+    """Columns of the tracks that contradict each other."""
+    failed = []
+    if quality["share_lane_mismatch"] > _LARGEST_LANE_MISMATCH:
+        failed.append(f"lane ids ({quality['share_lane_mismatch']:.1%} of the rows are not where y says)")
+    if quality["disagreement_inner"] > _LARGEST_DISAGREEMENT_MPS:
+        failed.append(f"speeds ({quality['disagreement_inner']:.1f} m/s from what the positions say)")
+    return failed

@@ -42,6 +42,15 @@ def test_rows_in_any_order_are_the_same_recording(tmp_path):
     np.testing.assert_array_equal(shuffled.road.tracks.index.starts, sorted_one.road.tracks.index.starts)
 
 
+def test_numbers_written_otherwise_are_the_same_recording(tmp_path):
+    plain = read_recording(pair(tmp_path / "a"), 1)
+    text = (pair(tmp_path / "b") / "01_tracks.csv").read_text()
+    (tmp_path / "b" / "01_tracks.csv").write_text(text.replace(",30.00,", ",3.0e1,"))
+    other = read_recording(tmp_path / "b", 1)
+    for name in ("x", "y", "vx", "vy", "ax", "ay", "lane", "leader_id"):
+        np.testing.assert_array_equal(getattr(other.road.tracks, name), getattr(plain.road.tracks, name))
+
+
 def test_identical_rows_are_dropped_and_counted(tmp_path):
     header, *rows = lines(pair(tmp_path))
     rewrite(tmp_path, [header, rows[0], *rows, rows[4]])

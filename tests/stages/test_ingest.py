@@ -84,6 +84,27 @@ def test_metas_that_say_otherwise_are_loud(data, tmp_path, column, change, word)
     assert quality["failed_checks"].map(len).sum() == len(report.problems)
 
 
+def swapped(frame, one, other):
+    return frame.rename(columns={one: other, other: one})
+
+
+@pytest.mark.parametrize(
+    ("kind", "change", "text"),
+    [
+        ("tracks", lambda frame: swapped(frame, "xVelocity", "xAcceleration"), "speeds"),
+        ("tracks", lambda frame: swapped(frame, "y", "x"), "lane ids"),
+        ("recordingMeta", lambda frame: frame.assign(frameRate=5), "speeds"),
+        ("tracks", lambda frame: frame.iloc[:-1], "n_frames"),
+    ],
+    ids=["speeds", "positions", "frame-rate", "torn"],
+)
+def test_columns_that_contradict_each_other_are_loud(data, tmp_path, kind, change, text):
+    path = data / f"01_{kind}.csv"
+    change(pd.read_csv(path)).to_csv(path, index=False)
+    report = running.ingested(data, tmp_path)
+    assert any(text in problem.message for problem in report.problems)
+
+
 def test_bias_is_measured_per_carriageway_and_removed_on_demand(data, tmp_path):
     """Both carriageways' image acceleration is +0.2: backward on the upper one, forward on the lower one."""
     edit(data, "tracks", xAcceleration=lambda v: v + 0.2)
@@ -122,7 +143,7 @@ def test_holes_duplicates_and_rows_outside_are_counted(data, tmp_path):
     assert quality["n_holes"].tolist() == [0, 1]
     assert quality["n_duplicates"].tolist() == [0, 1]
     assert quality["share_outside"].iloc[1] == pytest.approx(1 / quality["n_rows"].iloc[1])
-    assert report.problems == ()  # one vehicle is let pass
+    assert "n_frames (1 of 3 vehicles)" in report.problems[0].message
 
 
 @pytest.mark.parametrize("kind", ["tracks", "tracksMeta", "recordingMeta"])
