@@ -22,7 +22,13 @@ ALL: Final = "all"
 """The stratum of ``validation_matrix`` that holds every event."""
 _LOCAL: Final = labels.POLICIES[names.LOCAL_OPTIMUM].light
 _BENCHMARK: Final = labels.POLICIES[names.BENCHMARK].light
-CELL_COLOURS: Final = {names.FIXED: "#0072B2", names.FREE: "#D55E00"}
+CELL_COLOURS: Final = {
+    names.FIXED: "#0072B2",
+    names.FREE: "#D55E00",
+    names.START: "#009E73",
+    names.FREE_START: "#B0578D",
+}
+"""Of each form."""
 
 
 def matrix_figure(matrix: pd.DataFrame) -> Figure:
@@ -80,7 +86,7 @@ def gain_distribution(gains: Mapping[str, FloatArray]) -> Figure:
         known = np.sort(100 * values[np.isfinite(values)])
         if known.size:
             share = 100 * np.arange(1, known.size + 1) / known.size
-            style = "-" if form == names.FIXED else "--"
+            style = "-" if form in (names.FIXED, names.START) else "--"
             axes.step(
                 known, share, style, where="post", color=CELL_COLOURS[form], lw=1.6, label=labels.FORMS[form]
             )

@@ -13,7 +13,7 @@ from highd_lc.reporting.event import PAIRS
 from highd_lc.vocab import names
 
 CELLS: Final = tuple(
-    (form, accounting) for form in names.FORMS for accounting in (names.EQUAL, names.FOLLOWER_HORIZON, names.PAPER)
+    (form, accounting) for form in PAIRS for accounting in (names.EQUAL, names.FOLLOWER_HORIZON, names.PAPER)
 )
 """Forms and accountings that the table may speak of, the primary one first."""
 _COLUMNS: Final = (
@@ -29,6 +29,7 @@ _COLUMNS: Final = (
     {"key": "gain", "title": "Gain", "unit": "%", "kind": "gain", "width": 8.5},
     {"key": "spark", "title": "HV 1 speed", "kind": "spark", "width": 8.5},
 )
+STATUSES: Final = tuple(labels.STATUSES)
 SPARK_SECONDS: Final = 15
 _SPARK_STEP: Final = 0.2
 
@@ -91,6 +92,7 @@ def index_payload(tables: IndexTables, cells: Iterable[tuple[str, str]] = CELLS)
         "columns": list(_COLUMNS),
         "rows": rows,
         "cells": [_key(cell) for cell in chosen],
+        "statuses": list(labels.STATUSES.values()),
         "values": {_key(cell): _values(tables, cell) for cell in chosen},
     }
 
@@ -113,15 +115,16 @@ def _row(event: Any, spark: list[str] | None) -> list[Any]:
 
 
 def _values(tables: IndexTables, cell: tuple[str, str]) -> dict[str, list[Any]]:
+    """What depends on form and accounting; the script derives the rest. status: place in ``STATUSES``."""
     form, accounting = cell
     ids = tables.events["event_id"]
     local, benchmark = (_totals(tables.losses, policy, accounting).reindex(ids) for policy in PAIRS[form])
     gain = 100.0 * (1.0 - local / benchmark)
-    status = _column(tables.plans, PAIRS[form][0], accounting, "status").reindex(ids).map(labels.STATUSES)
+    status = _column(tables.plans, PAIRS[form][0], accounting, "status").reindex(ids)
+    place = {name: k for k, name in enumerate(STATUSES)}
     return {
-        "status": status.where(status.notna(), None).tolist(),
+        "status": [place.get(name) for name in status],
         "total_benchmark": _numbers(benchmark, 3),
-        "total_local": _numbers(local, 3),
         "gain": _numbers(gain, 3),
     }
 

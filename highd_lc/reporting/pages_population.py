@@ -51,7 +51,7 @@ def matrix_page(matrix: pd.DataFrame) -> str:
 def with_labels(matrix: pd.DataFrame) -> pd.DataFrame:
     """The matrix in the order of forms and accountings, with columns form_label and accounting_label."""
     order = {a: k for k, a in enumerate((names.EQUAL, names.FOLLOWER_HORIZON, names.PAPER))}
-    form = matrix["form"].map({f: k for k, f in enumerate(names.FORMS)})
+    form = matrix["form"].map({f: k for k, f in enumerate(labels.FORMS)})
     labelled = matrix.assign(
         form_label=matrix["form"].map(labels.FORMS),
         accounting_label=matrix["accounting"].map(labels.ACCOUNTING_NAMES),

@@ -121,7 +121,7 @@ def _losses_section(tables: SummaryTables) -> Section:
 
 def _distribution_section(tables: SummaryTables) -> Section:
     gains = {}
-    for form in names.FORMS:
+    for form in PAIRS:
         local, benchmark = totals(tables.losses, tables.events, form, names.PRIMARY_ACCOUNTING)
         if np.isfinite(local).any():
             gains[form] = 1.0 - local / benchmark

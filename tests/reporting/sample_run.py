@@ -59,7 +59,7 @@ def _cells(ids: list[str]) -> pd.DataFrame:
 
 
 def _infeasible(table: pd.DataFrame) -> pd.Series:
-    planned = table["policy"].isin(names.FIXED_POLICIES + names.FREE_POLICIES)
+    planned = ~table["policy"].isin(names.REFERENCE_POLICIES)
     return planned & (table["event_id"].str[3:7].astype(int) % 9 == 8)
 
 
@@ -74,7 +74,7 @@ def _plans(ids: list[str]) -> pd.DataFrame:
 def _losses(ids: list[str], rng: np.random.Generator) -> pd.DataFrame:
     table = _cells(ids)
     table["loss_total"] = rng.uniform(20, 40, len(table))
-    local = table["policy"].isin([names.LOCAL_OPTIMUM, names.LOCAL_OPTIMUM_FREE])
+    local = table["policy"].str.startswith(names.LOCAL_OPTIMUM)
     table.loc[local, "loss_total"] = table["loss_total"].shift(3) * rng.uniform(0.9, 1.02, len(table))
     table.loc[_infeasible(table), "loss_total"] = np.nan
     return table

@@ -6,7 +6,7 @@ import pytest
 from sample_run import sample_run
 
 from highd_lc.reporting.event import PAIRS
-from highd_lc.reporting.pages_index import CELLS, index_page, index_payload
+from highd_lc.reporting.pages_index import CELLS, STATUSES, index_page, index_payload
 from highd_lc.vocab import names
 
 
@@ -40,7 +40,7 @@ def test_gains_are_those_of_the_losses(cell):
 def test_infeasible_events_stay_in_the_list():
     run = sample_run()
     values = index_payload(run)["values"]["fixed/equal"]
-    infeasible = [s for s in values["status"] if s == "infeasible"]
+    infeasible = [s for s in values["status"] if STATUSES[s] == names.INFEASIBLE]
     assert len(infeasible) == len(range(8, 60, 9))
 
 
@@ -50,9 +50,9 @@ def test_the_primary_cell_comes_first():
 
 def test_a_run_without_the_free_form_offers_only_the_fixed_one():
     run = sample_run()
-    fixed = ~run.plans["policy"].isin(names.FREE_POLICIES)
+    fixed = run.plans["policy"].isin(names.REFERENCE_POLICIES + names.FIXED_POLICIES)
     run = type(run)(run.events, run.crossings, run.plans[fixed], run.losses[fixed], run.pages)
-    assert [c for c in payload_of(index_page(run))["cells"] if c.startswith("free")] == []
+    assert {cell.split("/")[0] for cell in payload_of(index_page(run))["cells"]} == {names.FIXED}
 
 
 def test_excluded_lane_changes_are_counted_by_reason_and_linked():

@@ -1,6 +1,7 @@
 import html as escapes
 import re
 from dataclasses import replace
+from functools import cache
 
 import pytest
 from sample_run import calibration, matrix, recordings, sample_run, sample_summary
@@ -15,6 +16,16 @@ from highd_lc.reporting.pages_summary import summary_page
 from highd_lc.vocab import names
 from highd_lc.vocab.lcm_parameters import TABLE3_MEANS
 from highd_lc.vocab.tables import TABLES
+
+
+@cache
+def robustness() -> str:
+    return studies_page(studies())
+
+
+@cache
+def summary() -> str:
+    return summary_page(sample_summary())
 
 
 def rows_of(page: str, *, after: str = "<body") -> list[list[str]]:
@@ -91,8 +102,7 @@ def test_the_dictionary_holds_every_column_of_every_table():
 
 
 def test_the_summary_links_best_and_worst_events():
-    tables = sample_summary()
-    page = summary_page(tables)
+    page = summary()
     best = rows_of(page, after="Largest gains")[1:11]
     worst = rows_of(page, after="Smallest gains")[1:11]
     gains = [float(row[-1].replace("−", "-")) for row in best]
@@ -102,13 +112,13 @@ def test_the_summary_links_best_and_worst_events():
 
 
 def test_the_summary_shows_the_primary_accounting_only_and_names_unknown_quantities():
-    rows = rows_of(summary_page(sample_summary()), after="Losses by policy")
+    rows = rows_of(summary(), after="Losses by policy")
     assert rows[1][:3] == ["Local optimum", "Benchmark", "total loss"]
     assert any("some_new_quantity" in row for row in rows)
 
 
 def test_failed_cross_checks_are_shown():
-    rows = rows_of(summary_page(sample_summary()), after='id="quality"')
+    rows = rows_of(summary(), after='id="quality"')
     assert [row[-1] for row in rows[1:5]] == ["–", "–", "travelled", "–"]
 
 
@@ -130,13 +140,13 @@ def test_beliefs_and_pooling_are_told_in_words():
 def test_cross_scores_hold_every_number():
     table = studies().cross_scores
     for form in names.FORMS:
-        rows = rows_of(studies_page(studies()), after=f'id="cross-{form}"')[1:28]
+        rows = rows_of(robustness(), after=f'id="cross-{form}"')[1:28]
         gains = table.loc[table["form"] == form, "gain"]
         assert [row[5] for row in rows] == [f"{100 * g:.2f}".replace("-", "−") for g in gains]
 
 
 def test_those_who_lose_most_come_first_and_are_linked():
-    page = studies_page(studies())
+    page = robustness()
     rows = rows_of(page, after='id="worse"')[1:]
     assert len(rows) == 50
     assert rows[0][0] == "01-0060-00100"
@@ -146,13 +156,13 @@ def test_those_who_lose_most_come_first_and_are_linked():
 
 
 def test_tiles_of_the_gain_map_stand_in_a_table():
-    rows = rows_of(summary_page(sample_summary()), after='id="gain-map"')[1:10]
+    rows = rows_of(summary(), after='id="gain-map"')[1:10]
     assert rows[0][:4] == ["0", "20", "–", "0"]
     assert rows[-1][:4] == ["60", "–", "4", "–"]
 
 
 def test_a_front_without_a_knee_shows_none():
-    rows = rows_of(studies_page(studies()), after='id="pareto"')[1:3]
+    rows = rows_of(robustness(), after='id="pareto"')[1:3]
     assert rows[0][6:8] == ["21.50", "21.50"]
     assert rows[1][6:8] == ["–", "–"]
 
@@ -178,9 +188,7 @@ def test_a_run_without_any_event_still_has_its_pages():
     assert "0 events" in index_page(index)
 
 
-@pytest.mark.parametrize(
-    "page", [dictionary_page(), matrix_page(matrix()), summary_page(sample_summary()), studies_page(studies())]
-)
+@pytest.mark.parametrize("page", [dictionary_page(), matrix_page(matrix()), summary(), robustness()])
 def test_pages_ask_for_nothing(page):
     assert "default-src 'none'" in page
     namespaces = {"http://www.w3.org/2000/svg", "http://www.w3.org/1999/xlink"}

@@ -17,15 +17,19 @@ from highd_lc.vocab.settings import (
     ReportSettings,
     Settings,
     StatisticsSettings,
+    StudySettings,
     ValidateSettings,
 )
 
 FIXTURES = Path(__file__).parents[1] / "fixtures"
 RECORDINGS = (1, 2)
 PROVENANCE = Provenance("0123abcd", {"01": "feed"}, 1, "code-1")
+STUDIES = StudySettings(
+    sample=2, start_sample=2, foresight_sample=0, draws=2, replans=1, population=8, generations=2, solver_sample=1
+)
 SETTINGS = Settings(
     calibrate=CalibrateSettings(population=20, generations=5),
-    validate=ValidateSettings(statistics=StatisticsSettings(bootstrap=100)),
+    validate=ValidateSettings(statistics=StatisticsSettings(bootstrap=100), studies=STUDIES),
 )
 
 
@@ -144,10 +148,16 @@ def test_surface_and_plan_agree(work, made):
             assert T > 0
 
 
-def test_the_same_run_gives_the_same_bytes(work, made, tmp_path):
+def test_the_same_run_gives_the_same_bytes_and_leaves_no_event_of_another(work, made, tmp_path):
+    folder = tmp_path / "events"
+    folder.mkdir()
+    for name in ("77-0001-00001.html", "77-0001-00001.png", f"{events(work)[0]}.pdf", "notes.html"):
+        (folder / name).write_text("from an earlier run")
     make(work, tmp_path)
     for path in made.rglob("*.*"):
         assert (tmp_path / path.relative_to(made)).read_bytes() == path.read_bytes(), path.name
+    extra = {path.name for path in folder.iterdir()} - {path.name for path in (made / "events").iterdir()}
+    assert extra == {"notes.html"}
 
 
 def test_one_event_leaves_everything_else_alone(work, tmp_path):
@@ -182,18 +192,19 @@ def test_top_events_are_those_that_differ_most(work):
     assert report.top_events(work, 1) == {difference.idxmax()}
 
 
-def test_pictures_no_longer_wanted_and_stale_events_go_foreign_files_stay(work, tmp_path):
-    folder = tmp_path / "events"
-    folder.mkdir()
-    for name in ("77-0001-00001.html", f"{events(work)[0]}.png", f"{events(work)[0]}.pdf", "notes.html"):
-        (folder / name).write_text("from an earlier run")
-    make(work, tmp_path, SETTINGS.model_copy(update={"report": ReportSettings(png="none")}))
-    assert {path.name for path in folder.iterdir()} == {"notes.html", *(f"{e}.html" for e in events(work))}
+def test_pictures_no_longer_wanted_go(work, tmp_path):
+    event_id = events(work)[0]
+    (tmp_path / "events").mkdir()
+    (tmp_path / "events" / f"{event_id}.png").write_text("from an earlier run")
+    plain = SETTINGS.model_copy(update={"report": ReportSettings(png="none")})
+    make(work, tmp_path, plain, events=(event_id,))
+    assert [path.name for path in (tmp_path / "events").iterdir()] == [f"{event_id}.html"]
 
 
 def test_raw_pages_hold_finer_recorded_motion(work, made, tmp_path):
-    make(work, tmp_path, SETTINGS.model_copy(update={"report": ReportSettings(raw=True, png="none")}))
     event_id = events(work)[0]
+    raw = SETTINGS.model_copy(update={"report": ReportSettings(raw=True, png="none")})
+    make(work, tmp_path, raw, events=(event_id,))
 
     def finest(folder: Path) -> float:
         plays = payload(folder / "events" / f"{event_id}.html")["plays"]

@@ -35,12 +35,14 @@ class EventTable {
 
   /* Which form and accounting the columns of gain, totals and status speak of. */
   choose(cell) {
-    const columns = this.data.values[cell];
-    for (const [name, values] of Object.entries(columns)) {
-      const k = this.key[name];
-      values.forEach((value, row) => { this.data.rows[row][k] = value; });
-    }
-    const known = columns.gain.filter((g) => g !== null).map(Math.abs).sort((a, b) => a - b);
+    const { status, gain, total_benchmark: totals } = this.data.values[cell];
+    this.data.rows.forEach((row, k) => {
+      row[this.key.status] = status[k] === null ? null : this.data.statuses[status[k]];
+      row[this.key.gain] = gain[k];
+      row[this.key.total_benchmark] = totals[k];
+      row[this.key.total_local] = gain[k] === null ? null : totals[k] * (1 - gain[k] / 100);
+    });
+    const known = gain.filter((g) => g !== null).map(Math.abs).sort((a, b) => a - b);
     this.largest = known[Math.floor(0.98 * (known.length - 1))] || 1;
     this.apply();
   }
