@@ -16,8 +16,8 @@ from highd_lc.vocab.tables import TABLES
 
 Row = dict[str, Any]
 
-_SPACING_EDGES = (0.0, 10.0, 20.0, 30.0, 40.0, 60.0, 80.0, 120.0, np.inf)
-_CLOSING_EDGES = (-np.inf, -6.0, -4.0, -2.0, 0.0, 2.0, 4.0, 6.0, np.inf)
+SPACING_EDGES = (0.0, 10.0, 20.0, 30.0, 40.0, 60.0, 80.0, 120.0, np.inf)
+CLOSING_EDGES = (-np.inf, -6.0, -4.0, -2.0, 0.0, 2.0, 4.0, 6.0, np.inf)
 _SIDES = ("av", "hv")
 
 
@@ -111,20 +111,22 @@ def gain_map(
     rows = []
     for about, pair in _pairs(losses):
         at = events.loc[pair.index, ["spacing_m", "closing_mps"]]
-        for spacing in pairwise(_SPACING_EDGES):
-            for closing in pairwise(_CLOSING_EDGES):
-                inside = _within(at["spacing_m"], spacing) & _within(at["closing_mps"], closing)
+        for spacing in pairwise(SPACING_EDGES):
+            for closing in pairwise(CLOSING_EDGES):
+                inside = within(at["spacing_m"], spacing) & within(at["closing_mps"], closing)
                 if inside.any():
-                    row = about | _edges(spacing, closing) | {"share_events": float(inside.mean())}
+                    row = about | edges_of(spacing, closing) | {"share_events": float(inside.mean())}
                     rows.append(row | gain_columns(pair[inside], statistics, seed=seed))
     return _frame("gain_map", rows)
 
 
-def _within(values: pd.Series, edges: tuple[float, float]) -> pd.Series:
+def within(values: pd.Series, edges: tuple[float, float]) -> pd.Series:
+    """Which values lie between two edges, the lower one included."""
     return (values >= edges[0]) & (values < edges[1])
 
 
-def _edges(spacing: tuple[float, float], closing: tuple[float, float]) -> Row:
+def edges_of(spacing: tuple[float, float], closing: tuple[float, float]) -> Row:
+    """The columns that name a tile of spacing [m] and speed difference [m/s]; open edges are null."""
     edges = {"spacing_low_m": spacing[0], "spacing_high_m": spacing[1]}
     edges |= {"closing_low_mps": closing[0], "closing_high_mps": closing[1]}
     return {name: edge if np.isfinite(edge) else np.nan for name, edge in edges.items()}

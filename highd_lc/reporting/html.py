@@ -34,6 +34,7 @@ PAGES: Final = (
     ("summary.html", "Summary"),
     ("matrix.html", "Validation matrix"),
     ("studies.html", "Robustness"),
+    ("start.html", "Start"),
     ("calibration.html", "Calibration"),
     ("data.html", "Data"),
     ("excluded.html", "Excluded"),

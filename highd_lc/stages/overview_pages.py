@@ -16,6 +16,7 @@ from highd_lc.reporting.pages_calibration import CalibrationTables, calibration_
 from highd_lc.reporting.pages_data import data_page, excluded_page
 from highd_lc.reporting.pages_index import IndexTables, index_page
 from highd_lc.reporting.pages_population import dictionary_page, matrix_page
+from highd_lc.reporting.pages_start import StartTables, start_page
 from highd_lc.reporting.pages_studies import StudyTables, studies_page
 from highd_lc.reporting.pages_summary import SummaryTables, summary_page
 from highd_lc.vocab import names
@@ -56,6 +57,10 @@ def overview_pages(work: Path, *, raw: bool) -> Iterator[tuple[str, str]]:
     )
     yield "matrix.html", matrix_page(matrix)
     yield "studies.html", studies_page(studies)
+    yield (
+        "start.html",
+        start_page(StartTables(*(artefacts.read(work, n) for n in ("start_map", "foresight_summary")))),
+    )
     yield "calibration.html", calibration_page(calibration)
     yield "data.html", data_page(recordings, crossings, events)
     yield "excluded.html", excluded_page(crossings)

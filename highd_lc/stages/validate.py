@@ -24,6 +24,7 @@ from highd_lc.io.population_tables import (
     worse_for_somebody,
 )
 from highd_lc.io.scenes import load_scenes
+from highd_lc.io.start_map import start_map
 from highd_lc.io.statistics import situations, summarise_losses, validation_matrix
 from highd_lc.stages.validate_studies import (
     STUDY_TABLES,
@@ -237,5 +238,6 @@ def _population(combination: Combination, events: pd.DataFrame) -> Iterator[tupl
     yield "leave_one_out", leave_one_out(events, losses, settings, seed=seed)
     yield "cross_scores", cross_scores(artefacts.read(work, "cross_losses"), settings, seed=seed)
     yield "horizon_sensitivity", horizon_sensitivity(artefacts.read(work, "horizon_losses"), settings, seed=seed)
+    yield "start_map", start_map(events, artefacts.read(work, "plans"), losses)
     yield "foresight_summary", foresight_summary(artefacts.read(work, "foresight"), settings, seed=seed)
     yield "solver_summary", solver_summary(artefacts.read(work, "solver_comparison"))

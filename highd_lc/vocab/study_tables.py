@@ -38,6 +38,13 @@ _GAIN = (
     number("share_worse", "share of events with a higher total under the local optimum"),
 )
 
+_TILE = (
+    number("spacing_low_m", "lower edge: spacing of the first follower to the AV, front to front", "m"),
+    number("spacing_high_m", "upper edge; null = open", "m"),
+    number("closing_low_mps", "lower edge: speed of the first follower minus the AV's; null = open", "m/s"),
+    number("closing_high_mps", "upper edge; null = open", "m/s"),
+)
+
 CROSS_LOSSES = Table(
     "cross_losses",
     "event, optimal policy and accounting that it minimised",
@@ -82,10 +89,7 @@ GAIN_MAP = Table(
     (
         _FORM,
         _ACCOUNTING,
-        number("spacing_low_m", "lower edge: spacing of the first follower to the AV, front to front", "m"),
-        number("spacing_high_m", "upper edge; null = open", "m"),
-        number("closing_low_mps", "lower edge: speed of the first follower minus the AV's; null = open", "m/s"),
-        number("closing_high_mps", "upper edge; null = open", "m/s"),
+        *_TILE,
         number("share_events", "share of all events: the density of real lane changes", minimum=0, maximum=1),
         *_GAIN,
     ),
@@ -261,6 +265,26 @@ FORESIGHT_SUMMARY = Table(
     ),
 )
 
+START_MAP = Table(
+    "start_map",
+    "policy with a chosen start, accounting, and tile of spacing and speed difference (both null: all events)",
+    ("policy", "accounting", "spacing_low_m", "closing_low_mps"),
+    (
+        word("policy", "whose start is chosen", (*names.START_POLICIES, *names.FREE_START_POLICIES)),
+        _ACCOUNTING,
+        *_TILE,
+        number("share_events", "share of these events: the density of real lane changes", minimum=0, maximum=1),
+        count("n_events", "events with a plan, with and without the choice"),
+        number("share_waiting", "share of them in which the AV waits", minimum=0, maximum=1),
+        number("share_other_gap", "share of them in which it takes another gap", minimum=0, maximum=1),
+        number("mean_delay_s", "mean wait", "s", minimum=0),
+        number("saved_objective", "1 - objective over that of the policy without the choice, sums"),
+        number("saved_av", "the same of the AV's loss: negative = the choice costs it"),
+        number("saved_hv", "the same of the followers' loss"),
+        number("saved_total", "the same of the total loss"),
+    ),
+)
+
 SOLVER_COMPARISON = Table(
     "solver_comparison",
     "event of the sample, form, accounting and weight of the AV",
@@ -320,6 +344,7 @@ STUDY_TABLES: Final = (
     UNCERTAINTY,
     FORESIGHT,
     FORESIGHT_SUMMARY,
+    START_MAP,
     SOLVER_COMPARISON,
     SOLVER_SUMMARY,
 )
