@@ -4,7 +4,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from highd_lc.algorithms.lane_change import LaneChange, Path, Rule, find_lane_changes
+from highd_lc.algorithms.lane_change import LaneChange, find_lane_changes
+from highd_lc.algorithms.lateral_motion import Path, Rule
 from highd_lc.algorithms.roles import Maneuver, Roles, find_roles
 from highd_lc.algorithms.track_index import ABSENT, Traffic
 from highd_lc.vocab import names

@@ -1,11 +1,8 @@
 """Where lane changes begin and end, from lane ids and lateral positions (SPEC section 11).
 
 The authors' rule: outward from the crossing, the nearest moments at which lateral speed and acceleration are
-both near zero, read together with the lateral position. Near zero means here, on the derivatives of a local
-quadratic through the positions: speed and acceleration below thresholds, the speed towards the target staying
-so for a while, and the vehicle off the marking that it crosses. The quadratic is as narrow as the noise of the
-positions allows, for a wide one smears short manoeuvres near the ends of a track. Two changes without a rest in
-their lane between them are one manoeuvre and no lane change of the kind that is looked for.
+both near zero, read together with the lateral position (``lateral_motion`` says when they are). Two changes
+without a rest in their lane between them are one manoeuvre and no lane change of the kind that is looked for.
 """
 
 from collections.abc import Sequence
@@ -13,43 +10,16 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from highd_lc.algorithms.lateral_motion import Path, Rule, first_rest, smoothed
 from highd_lc.algorithms.track_index import ABSENT, TIE
-from highd_lc.core.kinematics import local_polynomial, narrowest_window, noise_gain, white_noise
 from highd_lc.vocab import names
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 OUTSIDE = 0
-# Width of the local quadratic where positions are as good as HighD's [s]; noise widens it until the speed is known
-# to a sixth of the threshold, so that it crosses it by noise in one of a billion samples.
-_SHORTEST_S = 0.4
-_SPEED_NOISE_SHARE = 1 / 6
-# Near the ends of a track the fit is one-sided and the speed less certain: one that exceeds the threshold by less
-# than this many standard deviations of the excess is still taken for near zero.
-_EDGE_DEVIATIONS = 1.5
-
-
-@dataclass(frozen=True)
-class Rule:
-    """Numbers of the rule. smoothing_s: largest width of the local quadratic [s]; speed [m/s] and acceleration
-    [m/s^2]: below them it is near zero; persistence_s: how long the speed stays so [s]; clearance_m: distance from
-    the marking that start and end need [m]; rest_s: time in the lane between two changes that keeps them apart
-    [s]; flicker_s: lane ids that change back within this time are one crossing [s]; min_shift_m: smallest lateral
-    shift [m].
-    """
-
-    smoothing_s: float
-    speed: float
-    acceleration: float
-    persistence_s: float
-    clearance_m: float
-    rest_s: float
-    flicker_s: float
-    min_shift_m: float
 
 
 @dataclass(frozen=True)
@@ -68,33 +38,12 @@ class LaneChange:
     peak_speed: float = float("nan")
 
 
-@dataclass(frozen=True)
-class Path:
-    """One vehicle's samples: frame, lane (0 = outside), y [m, left positive], each of shape (n,). markings: y of
-    the carriageway's markings from its right edge on [m], ascending; rate: frames a second [Hz].
-    """
-
-    frame: IntArray
-    lane: IntArray
-    y: FloatArray
-    markings: FloatArray
-    rate: float
-
-    def marking(self, origin: int, target: int) -> float:
-        """Lateral position of the marking between two adjacent lanes [m], lane 1 = rightmost."""
-        return float(self.markings[min(origin, target)])
-
-    def seconds(self, first: int, last: int) -> float:
-        """Time between two samples [s]."""
-        return float(self.frame[last] - self.frame[first]) / self.rate
-
-
 def find_lane_changes(path: Path, rule: Rule) -> list[LaneChange]:
     """Every lane-id change of a vehicle, in order, classified by the vehicle's own motion alone."""
     crossings = 1 + np.flatnonzero(path.lane[1:] != path.lane[:-1])
     if len(crossings) == 0:
         return []
-    smooth = _smoothed(path, rule)
+    smooth = smoothed(path, rule)
     changes = [LaneChange(int(c), int(path.lane[c - 1]), int(path.lane[c])) for c in crossings]
     groups = _group_flicker(changes, path, rule)
     mains = [_main(group, path, smooth) for group in groups]
@@ -103,34 +52,13 @@ def find_lane_changes(path: Path, rule: Rule) -> list[LaneChange]:
         _located(main, path, smooth, rule=rule, bounds=(bounds[place], bounds[place + 2]))
         for place, main in enumerate(mains)
     ]
-    judged = _without_rest_between(found, path, rule)
+    sought = [not (main.reason or _refusal(main, path)) for main in mains]
+    judged = _without_rest_between(found, path, rule, sought=sought)
     return [
         judged[place] if change is mains[place] else replace(change, reason=_minor_reason(group))
         for place, group in enumerate(groups)
         for change in group
     ]
-
-
-def _smoothed(path: Path, rule: Rule) -> FloatArray:
-    """Lateral position, and speed and acceleration as far as they are certainly not zero: shape (3, n).
-
-    Within half a window of the ends the speed is drawn towards 0 by what it is less certain there, and the
-    acceleration, which is that of the window's middle, is not looked at.
-    """
-    noise, n = white_noise(path.y), len(path.y)
-    window_s = narrowest_window(
-        round(noise, 6),
-        path.rate,
-        speed_noise=_SPEED_NOISE_SHARE * rule.speed,
-        shortest_s=min(_SHORTEST_S, rule.smoothing_s),
-        longest_s=rule.smoothing_s,
-    )
-    smooth = local_polynomial(path.y, path.rate, window_s=window_s)
-    gain = noise_gain(n, path.rate, window_s=window_s)[1]
-    slack = _EDGE_DEVIATIONS * noise * (gain - gain.min())
-    smooth[1] = np.sign(smooth[1]) * np.maximum(np.abs(smooth[1]) - slack, 0.0)
-    smooth[2, gain > gain.min() * (1 + TIE)] = 0.0
-    return smooth
 
 
 def _group_flicker(changes: Sequence[LaneChange], path: Path, rule: Rule) -> list[list[LaneChange]]:
@@ -177,8 +105,8 @@ def _located(
     towards *= change.target - change.origin
     limits = np.array([rule.clearance_m, rule.speed, rule.acceleration]) - TIE
     needed, crossing = 1 + round(rule.persistence_s * path.rate), change.crossing
-    start = _first_rest(towards, crossing - 1, crossing - begin, -1, begin == first, needed, limits)
-    end = _first_rest(towards, crossing, stop - crossing + 1, 1, stop == last, needed, limits)
+    start = first_rest(towards, crossing - 1, crossing - begin, -1, begin == first, needed, limits)
+    end = first_rest(towards, crossing, stop - crossing + 1, 1, stop == last, needed, limits)
     found = replace(change, start=start, end=end)
     if start == ABSENT and begin == first:
         return replace(found, reason=names.CUT_BEFORE_START if first == 0 else names.TRACK_HOLE)
@@ -214,48 +142,32 @@ def _unbroken(frame: IntArray, sample: int) -> tuple[int, int]:
     return first, last
 
 
-@njit(cache=True, nogil=True)
-def _first_rest(
-    towards: FloatArray, first: int, count: int, step: int, open_ended: bool, needed: int, limits: FloatArray
-) -> int:
-    """First sample, outward from the crossing, at which the vehicle keeps its lane, or ABSENT.
+def _without_rest_between(
+    found: Sequence[LaneChange], path: Path, rule: Rule, *, sought: Sequence[bool]
+) -> list[LaneChange]:
+    """Changes of one manoeuvre named as such: both of each pair without enough rest between them.
 
-    towards: distance past the marking, speed and acceleration towards the target, shape (3, n); first, count,
-    step: the samples outward; needed: how many samples in a row must be slow; limits: of distance, speed and
-    acceleration. At the end of a track (open_ended) the slow samples still in view are enough; before another
-    lane change they are not.
+    sought: whether start and end of a change were looked for.
     """
-    for place in range(count):
-        sample = first + step * place
-        slow = abs(towards[1, sample]) < limits[1] and abs(towards[2, sample]) < limits[2]
-        if not slow or abs(towards[0, sample]) < limits[0]:
-            continue
-        reach = place + 1
-        while reach < min(count, place + needed) and towards[1, first + step * reach] < limits[1]:
-            reach += 1
-        if reach == place + needed or (reach == count and open_ended):
-            return sample
-    return ABSENT
-
-
-def _without_rest_between(found: Sequence[LaneChange], path: Path, rule: Rule) -> list[LaneChange]:
-    """Changes of one manoeuvre named as such: both of each pair without enough rest between them."""
     judged = list(found)
     for place, (first, second) in enumerate(pairwise(found)):
-        if _is_one_manoeuvre(first, second, path, rule):
+        ends = [first.end] * sought[place] + [second.start] * sought[place + 1]
+        if _is_one_manoeuvre(first, second, path, rule, ends=ends):
             reason = names.RETURNED if _is_reverse(first, second) else names.SECOND_CHANGE
             for index in (place, place + 1):
                 judged[index] = replace(judged[index], reason=_earlier(judged[index].reason, reason))
     return judged
 
 
-def _is_one_manoeuvre(first: LaneChange, second: LaneChange, path: Path, rule: Rule) -> bool:
-    frames = path.frame[second.crossing] - path.frame[first.crossing]
-    if frames != second.crossing - first.crossing:
+def _is_one_manoeuvre(
+    first: LaneChange, second: LaneChange, path: Path, rule: Rule, *, ends: Sequence[int]
+) -> bool:
+    """Whether the lane is not kept between two changes. ends: those that were looked for between them."""
+    if path.frame[second.crossing] - path.frame[first.crossing] != second.crossing - first.crossing:
         return False  # nobody saw what happened in between
-    if ABSENT in (first.end, second.start):
+    if ABSENT in ends:
         return True
-    return path.seconds(first.end, second.start) < rule.rest_s - TIE
+    return len(ends) == 2 and path.seconds(ends[0], ends[1]) < rule.rest_s - TIE
 
 
 def _earlier(first: str, second: str) -> str:

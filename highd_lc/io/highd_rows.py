@@ -16,7 +16,7 @@ Columns = dict[str, NDArray[np.float64] | IntArray]
 # Far beyond anything on a road, so that a slipped decimal point or a torn number is not taken for motion.
 _FARTHEST, _FASTEST, _STRONGEST = 1e5, 200.0, 500.0
 FIELDS = (
-    Field("frame", int, 0, LARGEST_FRAME),
+    Field("frame", int, 1, LARGEST_FRAME),
     Field("id", int, 1, LARGEST_ID),
     Field("x", float, -_FARTHEST, _FARTHEST),
     Field("y", float, -_FARTHEST, _FARTHEST),

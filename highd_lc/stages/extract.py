@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from highd_lc.algorithms.event_rows import RoleRows, role_rows
 from highd_lc.algorithms.extraction import Crossing, find_crossings
-from highd_lc.algorithms.lane_change import Rule
+from highd_lc.algorithms.lateral_motion import Rule
 from highd_lc.algorithms.neighbours import NOBODY
 from highd_lc.algorithms.track_index import ABSENT, TrackIndex, Traffic
 from highd_lc.io import artefacts, tracks_file
@@ -184,7 +184,7 @@ def _id(recording: _Recording, vehicle: int) -> int | None:
     return None if vehicle == NOBODY else int(recording.traffic.ids[vehicle])
 
 
-def _snapped(values):
+def _snapped(values: FloatArray) -> FloatArray:
     """To the grid of 1e-4, so that a mirrored recording gives the same numbers; never -0.
 
     Undoes the rounding of positions in sums and of speeds in the tracks artefact: HighD's values have a grid of

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from highd_lc.algorithms.lane_change import Path, Rule
+from highd_lc.algorithms.lateral_motion import Path, Rule
 from highd_lc.vocab.settings import ExtractSettings
 
 LANE = 3.75

@@ -6,7 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from lateral_paths import LANE, MARKINGS, RULE, moving, path
 
-from highd_lc.algorithms.lane_change import Path, find_lane_changes
+from highd_lc.algorithms.lane_change import find_lane_changes
+from highd_lc.algorithms.lateral_motion import Path
 from highd_lc.vocab import names
 
 RATES = st.sampled_from([10.0, 12.5, 25.0, 30.0])
@@ -147,6 +148,21 @@ def test_change_that_turns_back_without_rest_has_returned():
 def test_overtaking_with_a_rest_between_is_two_changes():
     found = find_lane_changes(path(20.0, (1.0, 5.0, 1), (10.0, 5.0, -1)), RULE)
     assert reasons(found) == ["", ""]
+
+
+def test_marking_touched_long_before_does_not_spoil_a_change():
+    track = path(20.0, (10.0, 5.0, 1))
+    y = track.y.copy()
+    y[2 * 25 : 4 * 25] += (LANE / 2 + 0.02) * np.hanning(2 * 25)
+    found = find_lane_changes(replace(track, y=y, lane=1 + (y >= LANE).astype(np.int64)), RULE)
+    assert reasons(found) == [names.RETURNED, names.RETURNED, ""]
+
+
+def test_leaving_the_markings_long_after_does_not_spoil_a_change():
+    found = find_lane_changes(path(24.0, (1.0, 5.0, -1), (14.0, 5.0, -1), lane=2), RULE)
+    assert reasons(found) == ["", names.OUTSIDE_MARKINGS]
+    found = find_lane_changes(path(14.0, (1.0, 8.0, -2), lane=2), RULE)
+    assert reasons(found) == [names.SECOND_CHANGE, names.OUTSIDE_MARKINGS]
 
 
 def test_two_lanes_in_one_sweep_are_a_second_change():
