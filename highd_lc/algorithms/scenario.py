@@ -39,23 +39,24 @@ class Situation:
 def situations(settings: ScenarioSettings, options: ScenarioOptions) -> list[Situation]:
     """Scenario 1 and scenario 2 at each speed of its AV, under these options."""
     first = [
-        situation("1", settings.scenario_1, v, options, settings.vehicle) for v in settings.scenario_1.av_speeds
+        situation("1", settings.scenario_1, v_av=v, options=options, vehicle=settings.vehicle)
+        for v in settings.scenario_1.av_speeds
     ]
     second = [
-        situation(f"2_{v:g}", settings.scenario_2, v, options, settings.vehicle)
+        situation(f"2_{v:g}", settings.scenario_2, v_av=v, options=options, vehicle=settings.vehicle)
         for v in settings.scenario_2.av_speeds
     ]
     return first + second
 
 
 def situation(
-    key: str, platoon: PlatoonSettings, v_av: float, options: ScenarioOptions, vehicle: VehicleSettings
+    key: str, platoon: PlatoonSettings, *, v_av: float, options: ScenarioOptions, vehicle: VehicleSettings
 ) -> Situation:
     """One platoon and one speed of the AV [m/s] under these options."""
     dt, speed = vehicle.dt_s, platoon.platoon_speed
     ahead = platoon.av_ahead_m + (vehicle.length_m if options.gap_reading == "bumpers" else 0.0)
     leader = options.spacing_m if options.platoon_leader == "present" else NO_LEADER
-    before = _approach(platoon, leader, options, vehicle)
+    before = _approach(platoon, leader, options=options, vehicle=vehicle)
     # The scenario begins before t_start; its coordinates are moved so that HV_1 is where it has to be then.
     shift = -ahead - before.front[0, -1]
     approach = Platoon(
@@ -81,7 +82,7 @@ def _drivers(count: int, options: ScenarioOptions) -> FloatArray:
 
 
 def _approach(
-    platoon: PlatoonSettings, leader: float, options: ScenarioOptions, vehicle: VehicleSettings
+    platoon: PlatoonSettings, leader: float, *, options: ScenarioOptions, vehicle: VehicleSettings
 ) -> Platoon:
     """The platoon from the scenario's begin to t_start, HV_1's front at 0 at the begin."""
     dt, speed = vehicle.dt_s, platoon.platoon_speed
@@ -93,11 +94,11 @@ def _approach(
         parameters=_drivers(1, options)[0],
         length=vehicle.length_m,
     )
-    lead = steady_lead(leader, speed, instants, dt=dt, length=vehicle.length_m)
+    lead = steady_lead(leader, speed, instants=instants, dt=dt, length=vehicle.length_m)
     return drive_platoon(start, lead, dt=dt, held=instants if options.pre_phase == "hold" else 0)
 
 
-def steady_lead(front: float, v: float, instants: int, *, dt: float, length: float) -> Lead:
+def steady_lead(front: float, v: float, *, instants: int, dt: float, length: float) -> Lead:
     """A leader at constant speed; an infinite front is none. front [m], v [m/s], dt [s], length [m]."""
     t = np.arange(instants, dtype=np.float64) * dt
     return Lead(front + v * t, np.full(instants, v if np.isfinite(front) else 0.0), length)
@@ -118,15 +119,17 @@ def scene_of(posed: Situation) -> Scene:
         L_no_change=float(posed.start.parameters[0, 5]),
         recorded=tuple(_never_recorded(samples, vehicle) for _ in range(p)),
     )
-    return simulated_scene(posed.key, posed.v_av, followers, vehicle, target_leader=_leader_motion(posed, samples))
+    return simulated_scene(
+        posed.key, posed.v_av, followers=followers, vehicle=vehicle, target_leader=_leader_motion(posed, samples)
+    )
 
 
 def simulated_scene(
     key: str,
     v_av: float,
+    *,
     followers: Followers,
     vehicle: VehicleSettings,
-    *,
     target_leader: Motion | None = None,
     origin_leader: Motion | None = None,
 ) -> Scene:
@@ -149,7 +152,7 @@ def simulated_scene(
     )
 
 
-def steady_motion(x: float, y: float, v: float, *, samples: int, vehicle: VehicleSettings) -> Motion:
+def steady_motion(x: float, y: float, *, v: float, samples: int, vehicle: VehicleSettings) -> Motion:
     """A vehicle at constant speed v [m/s] from (x, y) [m] at t_start on."""
     t = np.arange(samples, dtype=np.float64) * vehicle.dt_s
     return Motion(
@@ -167,7 +170,9 @@ def _leader_motion(posed: Situation, samples: int) -> Motion | None:
     if not np.isfinite(posed.leader_front):
         return None
     lateral = posed.vehicle.lateral_shift_m
-    return steady_motion(posed.leader_front, lateral, posed.platoon_speed, samples=samples, vehicle=posed.vehicle)
+    return steady_motion(
+        posed.leader_front, lateral, v=posed.platoon_speed, samples=samples, vehicle=posed.vehicle
+    )
 
 
 def _never_recorded(samples: int, vehicle: VehicleSettings) -> Motion:

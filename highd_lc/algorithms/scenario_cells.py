@@ -51,7 +51,7 @@ def rows_of_variants(settings: ScenarioSettings, *, threads: int = 1) -> list[Ro
     weights = {name: settings.omegas if name == DEFAULT else pair_omegas(settings) for name in named}
 
     def one(name: str) -> list[Row]:
-        return rows_of_options(name, named[name], settings, weights[name])
+        return rows_of_options(name, named[name], settings=settings, omegas=weights[name])
 
     with ThreadPoolExecutor(threads) as pool:
         return [row for rows in pool.map(one, named) for row in rows]
@@ -62,25 +62,25 @@ def rows_of_sweep(settings: ScenarioSettings, *, threads: int = 1) -> Iterator[l
     weights = pair_omegas(settings)
 
     def one(named: tuple[str, ScenarioOptions]) -> list[Row]:
-        return rows_of_options(named[0], named[1], settings, weights)
+        return rows_of_options(named[0], named[1], settings=settings, omegas=weights)
 
     with ThreadPoolExecutor(threads) as pool:
         yield from pool.map(one, combinations(settings))
 
 
 def rows_of_options(
-    variant: str, options: ScenarioOptions, settings: ScenarioSettings, omegas: tuple[float, ...]
+    variant: str, options: ScenarioOptions, *, settings: ScenarioSettings, omegas: tuple[float, ...]
 ) -> list[Row]:
     """The cells of every scenario with a platoon under one set of options (rows of ``scenario_cells``)."""
     rows = []
     for posed in situations(settings, options):
-        planned = plan_situation(posed, settings, omegas)
-        rows += rows_of_plans(planned, variant, settings, omegas)
+        planned = plan_situation(posed, settings, omegas=omegas)
+        rows += rows_of_plans(planned, variant, settings=settings, omegas=omegas)
     return rows
 
 
 def rows_of_plans(
-    planned: Planned, variant: str, settings: ScenarioSettings, omegas: tuple[float, ...]
+    planned: Planned, variant: str, *, settings: ScenarioSettings, omegas: tuple[float, ...]
 ) -> list[Row]:
     """One row a form, accounting and weight of the AV."""
     count = len(planned.problem.packed.follower_x)
@@ -89,18 +89,22 @@ def rows_of_plans(
     cells = itertools.product(names.FORMS, names.ACCOUNTINGS, omegas)
     return [
         {"scenario": posed.key, "variant": variant, "v_start": posed.v_av, **posed.options.model_dump()}
-        | _cell_columns(planned, Cell(*cell), settings, unchanged)
+        | _cell_columns(planned, Cell(*cell), settings=settings, unchanged=unchanged)
         for cell in cells
     ]
 
 
-def _cell_columns(planned: Planned, cell: Cell, settings: ScenarioSettings, unchanged: Platoon) -> Row:
+def _cell_columns(planned: Planned, cell: Cell, *, settings: ScenarioSettings, unchanged: Platoon) -> Row:
     row: Row = {"form": cell.form, "accounting": cell.accounting, "omega_av": cell.omega_av}
     plan = planned.plan(cell)
     if plan is None:
         return row | {"status": planned.status}
-    outcome = drive_plan(planned, plan, cell.accounting, followers=len(planned.problem.packed.follower_x))
-    traffic = traffic_columns(outcome, unchanged, settings)
-    traffic["loss_hv_unchanged"] = platoon_loss(planned.problem, unchanged, cell.accounting, n=outcome.replay.av.n)
+    outcome = drive_plan(
+        planned, plan, accounting=cell.accounting, followers=len(planned.problem.packed.follower_x)
+    )
+    traffic = traffic_columns(outcome, unchanged, settings=settings)
+    traffic["loss_hv_unchanged"] = platoon_loss(
+        planned.problem, unchanged, accounting=cell.accounting, n=outcome.replay.av.n
+    )
     shape = {"status": names.SOLVED, "T": plan.T, "x_final": plan.x_final, "v_end": plan.v_end}
     return row | shape | outcome.losses | traffic

@@ -119,7 +119,7 @@ CLAIMS: Final = (
 def claim_rows(book: Book) -> list[Row]:
     """One row a claim, scenario, form and accounting (rows of ``claims``)."""
     rows = [
-        _claim_row(claim, scenario, form, accounting, book)
+        _claim_row(claim, scenario, form=form, accounting=accounting, book=book)
         for claim in CLAIMS
         for scenario in claim.printed
         if book.variants(scenario)
@@ -129,9 +129,10 @@ def claim_rows(book: Book) -> list[Row]:
     return rows + (list(weight_rows(book)) if DEFAULT in book.variants("1") else [])
 
 
-def _claim_row(claim: Claim, scenario: str, form: str, accounting: str, book: Book) -> Row:
+def _claim_row(claim: Claim, scenario: str, *, form: str, accounting: str, book: Book) -> Row:
     found = {
-        v: judge(claim, scenario, v, form=form, accounting=accounting, book=book) for v in book.variants(scenario)
+        v: judge(claim, scenario, variant=v, form=form, accounting=accounting, book=book)
+        for v in book.variants(scenario)
     }
     holds, fails, unchanged, missing = (
         [v for v, what in found.items() if what == word] for word in (HOLDS, FAILS, UNCHANGED, MISSING)
@@ -154,7 +155,7 @@ def _claim_row(claim: Claim, scenario: str, form: str, accounting: str, book: Bo
     }
 
 
-def judge(claim: Claim, scenario: str, variant: str, *, form: str, accounting: str, book: Book) -> str:
+def judge(claim: Claim, scenario: str, *, variant: str, form: str, accounting: str, book: Book) -> str:
     """Whether a claim holds, fails or nothing changes in a cell; no_plan where one of the plans is missing."""
     pair: Sequence[Row] = [
         book.cells[scenario, variant, form, accounting, omega] for omega in (1.0, book.settings.loss.omega_av)
@@ -171,24 +172,24 @@ def weight_rows(book: Book) -> Iterator[Row]:
     """The claims on omega_AV in scenario 1, by form and accounting: where the total is lowest, who gains."""
     for form in names.FORMS:
         for accounting in names.ACCOUNTINGS:
-            av, hv = (_over_weights(book, q, form, accounting) for q in ("loss_av", "loss_hv"))
+            av, hv = (_over_weights(book, q, form=form, accounting=accounting) for q in ("loss_av", "loss_hv"))
             total = av + hv
             cell = {"scenario": "1", "form": form, "accounting": accounting}
             yield cell | _verdict_row(
                 "total_lowest_at_half",
                 "the total loss is lowest at omega_AV = 0.5 to 0.6 (by construction: half of it is the objective)",
-                f"at {BEST_OMEGA[0]} to {BEST_OMEGA[1]}",
-                _lowest_at_half(total, book),
+                printed=f"at {BEST_OMEGA[0]} to {BEST_OMEGA[1]}",
+                verdict=_lowest_at_half(total, book),
             )
             yield cell | _verdict_row(
                 "weights_trade",
                 "with falling omega_AV the AV's loss rises and the followers' falls",
-                "21.42 -> 36.79, 28.64 -> 14.14",
-                _trade(av, hv),
+                printed="21.42 -> 36.79, 28.64 -> 14.14",
+                verdict=_trade(av, hv),
             )
 
 
-def _over_weights(book: Book, quantity: str, form: str, accounting: str) -> FloatArray:
+def _over_weights(book: Book, quantity: str, *, form: str, accounting: str) -> FloatArray:
     cells = [book.cells.get(("1", DEFAULT, form, accounting, omega), {}) for omega in book.settings.omegas]
     return np.array([value_of(cell, quantity) for cell in cells])
 
@@ -215,7 +216,7 @@ def _trade(av: FloatArray, hv: FloatArray) -> str:
     return HOLDS if monotone else FAILS
 
 
-def _verdict_row(claim: str, statement: str, printed: str, verdict: str) -> Row:
+def _verdict_row(claim: str, statement: str, *, printed: str, verdict: str) -> Row:
     """A claim that one cell decides, the default one."""
     listed = {word: [DEFAULT] if verdict == word else [] for word in (HOLDS, FAILS, UNCHANGED, MISSING)}
     return {

@@ -25,7 +25,7 @@ def contact_rows(settings: ScenarioSettings) -> list[Row]:
     rows: list[Row] = []
     for reading in ("centres", "bumpers"):
         for posed in situations(settings, settings.with_options({"gap_reading": reading})):
-            planned = plan_situation(posed, settings, (1.0, settings.loss.omega_av))
+            planned = plan_situation(posed, settings, omegas=(1.0, settings.loss.omega_av))
             rows += _rows_of(planned, settings)
     return rows
 
@@ -49,7 +49,7 @@ def _rows_of(planned: Planned, settings: ScenarioSettings) -> Iterator[Row]:
 
 
 def _contact(planned: Planned, plan: Quintic) -> Row:
-    outcome = drive_plan(planned, plan, names.FOLLOWER_HORIZON, followers=1)
+    outcome = drive_plan(planned, plan, accounting=names.FOLLOWER_HORIZON, followers=1)
     gap = gaps(outcome.platoon)[0]
     nearest = int(np.argmin(gap))
     return {

@@ -85,7 +85,7 @@ def growth_rows(settings: ScenarioSettings, drivers: Mapping[str, FloatArray]) -
     speeds = {"1": settings.scenario_1.av_speeds[0]}
     speeds |= {f"2_{v_av:g}": v_av for v_av in settings.scenario_2.av_speeds}
     for key, v_av in speeds.items():
-        posed = situation(key, settings.scenario_2, v_av, options, settings.vehicle)
+        posed = situation(key, settings.scenario_2, v_av=v_av, options=options, vehicle=settings.vehicle)
         for name, parameters in drivers.items():
             usable = parameters[parameters[:, 0] > 1.02 * posed.platoon_speed]
             if len(usable):
@@ -95,7 +95,7 @@ def growth_rows(settings: ScenarioSettings, drivers: Mapping[str, FloatArray]) -
 
 
 def _growth(name: str, posed: Situation, settings: ScenarioSettings) -> Iterator[Row]:
-    planned = plan_situation(posed, settings, (1.0, settings.loss.omega_av))
+    planned = plan_situation(posed, settings, omegas=(1.0, settings.loss.omega_av))
     unchanged = no_lane_change(posed)
     for policy, omega in ((names.BENCHMARK, 1.0), (names.LOCAL_OPTIMUM, settings.loss.omega_av)):
         plan = planned.plan(Cell(settings.form, settings.accounting, omega))

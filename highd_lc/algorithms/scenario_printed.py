@@ -69,13 +69,13 @@ def printed_scene(settings: ScenarioSettings, v_av: float) -> Scene:
     slower = v_av - state.origin_leader_difference
 
     def steady(x: float, y: float, speed: float) -> Motion:
-        return steady_motion(x, y, speed, samples=samples, vehicle=vehicle)
+        return steady_motion(x, y, v=speed, samples=samples, vehicle=vehicle)
 
     return simulated_scene(
         KEY,
         v_av,
-        followers,
-        vehicle,
+        followers=followers,
+        vehicle=vehicle,
         target_leader=steady(ahead, vehicle.lateral_shift_m, float(v[0])),
         origin_leader=steady(state.origin_leader_ahead_m, 0.0, slower),
     )

@@ -70,7 +70,7 @@ class Outcome:
     losses: dict[str, float] = field(default_factory=dict)
 
 
-def plan_situation(posed: Situation, settings: ScenarioSettings, omegas: tuple[float, ...]) -> Planned:
+def plan_situation(posed: Situation, settings: ScenarioSettings, *, omegas: tuple[float, ...]) -> Planned:
     """Search the plans of a situation for these weights of the AV, under every accounting and in both forms."""
     problem = planner.pose(scene_of(posed), settings.planning(posed.options))
     goals = [Goal(a, o) for a in names.ACCOUNTINGS for o in omegas]
@@ -78,7 +78,7 @@ def plan_situation(posed: Situation, settings: ScenarioSettings, omegas: tuple[f
     return Planned(posed, problem, {names.FIXED: fixed, names.FREE: search(problem.task, goals, known=fixed)})
 
 
-def drive_plan(planned: Planned, plan: Quintic, accounting: str, *, followers: int | None = None) -> Outcome:
+def drive_plan(planned: Planned, plan: Quintic, *, accounting: str, followers: int | None = None) -> Outcome:
     """Drive a plan: the planner's replay over H for the losses, the platoon over the whole run.
 
     followers: how many of the platoon to drive, None = all.
@@ -96,10 +96,10 @@ def av_lead(posed: Situation, plan: Quintic) -> Lead:
     """The AV from t_start on as the platoon's lead: its plan, then its end speed."""
     n = round(plan.T / posed.vehicle.dt_s)
     s = sample(plan, np.arange(n + 1, dtype=np.float64) * posed.vehicle.dt_s)
-    return lead_of_motion(posed, s.x, s.vx)
+    return lead_of_motion(posed, s.x, v=s.vx)
 
 
-def lead_of_motion(posed: Situation, x: FloatArray, v: FloatArray) -> Lead:
+def lead_of_motion(posed: Situation, x: FloatArray, *, v: FloatArray) -> Lead:
     """A motion x [m], v [m/s] from t_start on as the platoon's lead, at its last speed after its end.
 
     x is 0 at t_start. Under ``leader_from = "crossing"`` HV_1 sees the platoon's leader until half of the motion.
@@ -120,7 +120,7 @@ def leader_lead(posed: Situation) -> Lead:
     return steady_lead(
         posed.leader_front,
         posed.platoon_speed,
-        posed.instants,
+        instants=posed.instants,
         dt=posed.vehicle.dt_s,
         length=posed.vehicle.length_m,
     )
@@ -139,7 +139,7 @@ def no_lane_change(posed: Situation, *, followers: int | None = None) -> Platoon
     return drive_behind(posed, leader_lead(posed), followers=followers)
 
 
-def platoon_loss(problem: PlanningProblem, platoon: Platoon, accounting: str, *, n: int) -> float:
+def platoon_loss(problem: PlanningProblem, platoon: Platoon, *, accounting: str, n: int) -> float:
     """Loss of the planned followers in a run of the platoon over the accounted time. n: sample of T."""
     terms, settings, dt = problem.terms, problem.settings.loss, problem.scene.dt
     samples = len(problem.packed.target_v)
@@ -151,7 +151,7 @@ def platoon_loss(problem: PlanningProblem, platoon: Platoon, accounting: str, *,
     return float(0.5 * terms.weights @ (comfort + efficiency))
 
 
-def traffic_columns(outcome: Outcome, unchanged: Platoon, settings: ScenarioSettings) -> dict[str, Any]:
+def traffic_columns(outcome: Outcome, unchanged: Platoon, *, settings: ScenarioSettings) -> dict[str, Any]:
     """What the platoon makes of a plan: speeds, headways, travel time, Edie's measures (``scenario_cells``).
 
     unchanged: the same platoon without a lane change.

@@ -66,7 +66,7 @@ def frame(name: str, rows: Iterable[Row]) -> pd.DataFrame:
 def default_plans(settings: ScenarioSettings) -> list[Planned]:
     """Every situation with a platoon under the default options, planned for benchmark and local optimum."""
     weights = (1.0, settings.loss.omega_av)
-    return [plan_situation(posed, settings, weights) for posed in situations(settings, settings.options)]
+    return [plan_situation(posed, settings, omegas=weights) for posed in situations(settings, settings.options)]
 
 
 def story_of(planned: Planned, settings: ScenarioSettings) -> Story:
@@ -82,8 +82,8 @@ def story_of(planned: Planned, settings: ScenarioSettings) -> Story:
 def scenario_frames(
     planned: list[Planned],
     stories: dict[str, Story],
-    settings: ScenarioSettings,
     *,
+    settings: ScenarioSettings,
     given: Given,
     threads: int,
 ) -> dict[str, pd.DataFrame]:

@@ -19,6 +19,7 @@ from highd_lc.reporting import figures_space_time as space_time
 from highd_lc.reporting import html
 from highd_lc.reporting import pages_scenarios as pages
 from highd_lc.reporting import tables_scenarios as tables
+from highd_lc.reporting import words_scenarios as words
 from highd_lc.reporting.figures_scenarios import PrintedLosses, Story
 from highd_lc.reporting.figures_space_time import LaneState, SpeedMap, Window
 from highd_lc.reporting.pages_scenarios import Picture
@@ -36,17 +37,18 @@ _KEPT_EVERY: Final = 5
 def write_pages(
     out: Path,
     frames: Frames,
+    *,
     stories: Mapping[str, Story],
     settings: ScenarioSettings,
     change: RecordedChange | None = None,
 ) -> None:
     """Write figures (PNG), both pages and the ledger as text below ``out``. change: of a recording, if any."""
     sections = []
-    for picture in _pictures(frames, stories, settings, change):
+    for picture in _pictures(frames, stories, settings=settings, change=change):
         _save(out, picture)
         sections.append(tables.section_of(picture, frames))
     back = (out.parent / "index.html").is_file()
-    lead = tables.lead(frames, settings)
+    lead = words.lead(frames, settings)
     index = pages.scenario_page("index.html", "The paper's scenarios", sections, lead=lead, back=back)
     entries = [pages.claims_section(frames["claims"]), *pages.ledger_sections(frames["ledger"])]
     if "sweep_claims" in frames:
@@ -54,7 +56,7 @@ def write_pages(
         entries.insert(1, swept)
     entries.append(pages.arithmetic_section(frames["arithmetic"]))
     title = "Every published number, ours, and the ratio"
-    ledger = pages.scenario_page("ledger.html", title, entries, lead=tables.ledger_lead(frames), back=back)
+    ledger = pages.scenario_page("ledger.html", title, entries, lead=words.ledger_lead(frames), back=back)
     text = pages.ledger_markdown(frames["ledger"], frames["claims"], frames["arithmetic"])
     for name, content in (("index.html", index), ("ledger.html", ledger), ("ledger.md", text)):
         with whole_file(out / name) as sink:
@@ -69,12 +71,12 @@ def _save(out: Path, picture: Picture) -> None:
 def _picture(name: str, figure: Figure) -> Picture:
     sink = io.BytesIO()
     figure.savefig(sink, format="png", dpi=_DPI)
-    words = tables.WORDS[name]
-    return Picture(name, html.inline_svg(figure, words.alternative), sink.getvalue(), words)
+    said = words.WORDS[name]
+    return Picture(name, html.inline_svg(figure, said.alternative), sink.getvalue(), said)
 
 
 def _pictures(
-    frames: Frames, stories: Mapping[str, Story], settings: ScenarioSettings, change: RecordedChange | None
+    frames: Frames, stories: Mapping[str, Story], *, settings: ScenarioSettings, change: RecordedChange | None
 ) -> Iterator[Picture]:
     cells = frames["scenario_cells"]
     first = cells[(cells["scenario"] == "1") & (cells["variant"] == DEFAULT)]

@@ -54,7 +54,7 @@ def run(
     fitted, change, skipped = load_recordings(work, settings)
     swept = [row for part in rows_of_sweep(settings, threads=threads) for row in part] if sweep else []
     given = Given(fitted, swept)
-    frames = scenario_frames(planned, stories, settings, given=given, threads=threads)
+    frames = scenario_frames(planned, stories, settings=settings, given=given, threads=threads)
     if change is not None:
         frames["recorded_state"] = frame("recorded_state", state_rows(change))
         row = {"scenario": change.event_id, "policy": RECORDED, **wave_columns(change.wave)}
@@ -62,7 +62,7 @@ def run(
     provenance = Provenance(digest(settings), {}, settings.seed, workspace.code_version())
     for name, table in frames.items():
         artefacts.write(out / f"{name}.parquet", artefacts.to_arrow(name, table, provenance))
-    write_pages(out, frames, stories, settings, change)
+    write_pages(out, frames, stories=stories, settings=settings, change=change)
     return ScenarioReport(frames, out / "index.html", skipped)
 
 

@@ -31,4 +31,4 @@ def situation_of(key: str, **options: object) -> Situation:
 
 @cache
 def planned(key: str) -> Planned:
-    return plan_situation(situation_of(key), few_scenarios(), (0.1, 0.5, 1.0))
+    return plan_situation(situation_of(key), few_scenarios(), omegas=(0.1, 0.5, 1.0))

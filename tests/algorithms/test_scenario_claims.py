@@ -36,7 +36,9 @@ def book_of(**local):
 
 
 def judged(claim, **local):
-    return judge(BY_NAME[claim], "1", "default", form=names.FIXED, accounting=names.PAPER, book=book_of(**local))
+    return judge(
+        BY_NAME[claim], "1", variant="default", form=names.FIXED, accounting=names.PAPER, book=book_of(**local)
+    )
 
 
 @pytest.mark.parametrize(

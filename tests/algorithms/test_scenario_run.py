@@ -25,7 +25,7 @@ FIXED = Cell(names.FIXED, names.FOLLOWER_HORIZON, 0.5)
 @pytest.mark.parametrize("key", ["1", "2_20"])
 def test_platoon_equals_the_planners_replay(key):
     one = planned(key)
-    outcome = drive_plan(one, one.plan(FIXED), names.FOLLOWER_HORIZON)
+    outcome = drive_plan(one, one.plan(FIXED), accounting=names.FOLLOWER_HORIZON)
     n = outcome.replay.x.shape[1]
     assert np.allclose(outcome.platoon.front[:3, :n], outcome.replay.x, atol=1e-8)
     assert np.allclose(outcome.platoon.v[:3, :n], outcome.replay.v, atol=1e-9)
@@ -34,7 +34,7 @@ def test_platoon_equals_the_planners_replay(key):
 
 def test_losses_recomputed_from_the_platoon():
     one, settings = planned("1"), few_scenarios()
-    outcome = drive_plan(one, one.plan(FIXED), names.FOLLOWER_HORIZON)
+    outcome = drive_plan(one, one.plan(FIXED), accounting=names.FOLLOWER_HORIZON)
     n = round(settings.options.horizon_s / 0.1) + 1
     v, a = outcome.platoon.v[:3, :n], outcome.platoon.a[:3, :n]
     efficiency = np.abs(v - 25.0).sum() / 25.0
@@ -51,7 +51,7 @@ def test_each_plan_is_the_best_in_its_own_objective(form, accounting):
     losses = {}
     for omega in (0.1, 0.5, 1.0):
         plan = one.plan(Cell(form, accounting, omega))
-        losses[omega] = drive_plan(one, plan, accounting, followers=3).losses
+        losses[omega] = drive_plan(one, plan, accounting=accounting, followers=3).losses
     for omega in losses:
         own = omega * losses[omega]["loss_av"] + (1 - omega) * losses[omega]["loss_hv"]
         for other in losses.values():
@@ -61,8 +61,8 @@ def test_each_plan_is_the_best_in_its_own_objective(form, accounting):
 @pytest.mark.parametrize("accounting", names.ACCOUNTINGS)
 def test_loss_of_a_run_is_that_of_the_planner(accounting):
     one = planned("2_20")
-    outcome = drive_plan(one, one.plan(FIXED), accounting)
-    found = platoon_loss(one.problem, outcome.platoon, accounting, n=outcome.replay.av.n)
+    outcome = drive_plan(one, one.plan(FIXED), accounting=accounting)
+    found = platoon_loss(one.problem, outcome.platoon, accounting=accounting, n=outcome.replay.av.n)
     assert found == pytest.approx(outcome.losses["loss_hv"], rel=1e-9)
 
 
@@ -78,7 +78,7 @@ def test_av_goes_on_at_its_last_speed():
 def test_a_motion_longer_than_the_run_is_cut():
     posed = situation_of("1")
     x = np.arange(2000) * 2.5
-    lead = lead_of_motion(posed, x, np.full(2000, 25.0))
+    lead = lead_of_motion(posed, x, v=np.full(2000, 25.0))
     assert np.array_equal(lead.front, x[: posed.instants])
 
 
@@ -91,7 +91,7 @@ def test_from_crossing_hv_1_sees_a_free_road_first():
 
 def test_an_av_that_is_far_away_changes_nothing():
     posed, settings = situation_of("1"), few_scenarios()
-    far = lead_of_motion(posed, 5000.0 + np.arange(41) * 2.5, np.full(41, 25.0))
+    far = lead_of_motion(posed, 5000.0 + np.arange(41) * 2.5, v=np.full(41, 25.0))
     driven, unchanged = drive_behind(posed, far), no_lane_change(posed)
     assert np.allclose(driven.front, unchanged.front, atol=1e-6)
     assert rectangle_measures(driven, settings.rectangle)["flow_veh_h"] == pytest.approx(
@@ -111,8 +111,8 @@ def test_rectangle_totals_of_a_held_platoon():
 
 def test_traffic_columns_of_the_unchanged_platoon_add_no_travel_time():
     one, settings = planned("1"), few_scenarios()
-    outcome = drive_plan(one, one.plan(FIXED), names.EQUAL)
-    columns = traffic_columns(outcome, outcome.platoon, settings)
+    outcome = drive_plan(one, one.plan(FIXED), accounting=names.EQUAL)
+    columns = traffic_columns(outcome, outcome.platoon, settings=settings)
     assert columns["ttt_difference_s"] == 0.0
     assert columns["min_time_headway_s"] == pytest.approx(0.4)
     assert columns["min_gap_m"] == pytest.approx(5.0, abs=0.2)
