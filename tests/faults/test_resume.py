@@ -8,9 +8,9 @@ from pathlib import Path
 import pytest
 from faulty_runs import Place, Run, contents, finished_files, run, steps_of
 
-_LONG = bool(os.environ.get("HIGHD_LC_FAULTS"))
-_BY_STEP, _BY_TIME = (35, 15) if _LONG else (3, 2)
-"""SIGKILLs while a file is written, and at any moment with two workers; `make test-faults` asks for more."""
+_CHAINS = 10 if os.environ.get("HIGHD_LC_FAULTS") else 1
+_KILLS = 5
+"""SIGKILLs that a run meets before it arrives; `make test-faults` asks for more runs."""
 
 
 @pytest.fixture
@@ -18,35 +18,29 @@ def place(tmp_path: Path) -> Place:
     return Place(tmp_path)
 
 
-def _untouched(before: dict[Path, tuple[int, int]], place: Place) -> None:
-    after = finished_files(place)
-    assert {path: after.get(path) for path in before} == before
-
-
-def test_killed_while_writing_it_goes_on(undisturbed: Place, tmp_path: Path) -> None:
-    steps = random.Random(1).sample(range(1, steps_of(undisturbed)), _BY_STEP)
-    for step in steps:
-        place = Place(tmp_path / str(step))
-        code, said = run(place, "--workers", "1", dies_at=step)
-        assert code == -9, said
-        before = finished_files(place)
-        code, said = run(place, "--workers", "1")
-        assert code == 0, said
-        _untouched(before, place)
-        assert contents(place) == contents(undisturbed), f"killed at step {step}"
-
-
-def test_killed_again_and_again_it_arrives(undisturbed: Place, place: Place) -> None:
-    moments = random.Random(2)
-    for _ in range(_BY_TIME):
-        before = finished_files(place)
+def _killed(place: Place, kill: int, chance: random.Random, steps: int) -> None:
+    """Start the run and kill it: in the middle of writing, or at any moment with two workers."""
+    if kill % 2:
         running = Run(place, "--workers", "2")
-        time.sleep(moments.uniform(0.2, 2.0))
+        time.sleep(chance.uniform(0.1, 2.0))
         running.process.kill()
-        running.end()
-        _untouched(before, place)
-    code, said = run(place, "--workers", "2")
+    else:
+        running = Run(place, "--workers", "1", dies_at=chance.randrange(1, steps // 2))
+    code, said = running.end()
+    assert code in (-9, 0), said
+
+
+@pytest.mark.parametrize("chain", range(_CHAINS))
+def test_killed_again_and_again_it_arrives(undisturbed: Place, place: Place, chain: int) -> None:
+    chance, steps = random.Random(chain), steps_of(undisturbed)
+    for kill in range(_KILLS):
+        before = finished_files(place)
+        _killed(place, kill, chance, steps)
+        assert {path: finished_files(place).get(path) for path in before} == before
+    before = finished_files(place)
+    code, said = run(place, "--workers", "1")
     assert code == 0, said
+    assert {path: finished_files(place).get(path) for path in before} == before
     assert contents(place) == contents(undisturbed)
 
 

@@ -1,0 +1,153 @@
+"""Folders that fill up or cannot be written, inputs that vanish or change: one line, exit code, nothing torn."""
+
+import os
+import shutil
+import subprocess
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+from faulty_runs import Place, contents, copy_of_fixtures, run
+from rich.console import Console
+
+from highd_lc import engine
+from highd_lc.io import artefacts, settings
+from highd_lc.vocab.job import Options
+
+
+@contextmanager
+def _mounted(folder: Path, options: str) -> Iterator[Path]:
+    """A small file system in memory; the test is skipped where mounting is not permitted."""
+    folder.mkdir(parents=True, exist_ok=True)
+    command = ["mount", "-t", "tmpfs", "-o", options, "tmpfs", str(folder)]
+    try:
+        made = subprocess.run(command, capture_output=True, text=True)
+    except OSError as error:
+        pytest.skip(f"mount is not there: {error}")
+    if made.returncode:
+        pytest.skip(f"mounting is not permitted: {made.stderr.strip()}")
+    try:
+        yield folder
+    finally:
+        subprocess.run(["umount", "--lazy", str(folder)], check=True)
+
+
+@pytest.mark.parametrize(("kilobytes", "workers"), [(4, "1"), (160, "1"), (400, "2")])
+def test_a_full_disk_is_named_and_the_run_goes_on_where_there_is_room(
+    undisturbed: Place, tmp_path: Path, kilobytes: int, workers: str
+) -> None:
+    with _mounted(tmp_path / "small", f"size={kilobytes}k") as small:
+        place = Place(tmp_path / "run")
+        place.root.mkdir()
+        place.work.symlink_to(small)
+        code, said = run(place, "--workers", workers, stage="extract")
+        assert code == 2, said
+        lines = [line for line in said.splitlines() if line.startswith("highd-lc:")]
+        assert len(lines) == 1
+        assert "No space left on device" in lines[0]
+        assert "Traceback" not in said
+        assert not list(small.rglob("*.tmp"))
+        for path in small.rglob("*.parquet"):
+            artefacts.provenance_of(path)
+        subprocess.run(["mount", "-o", "remount,size=64m", str(small)], check=True)
+        code, said = run(place, "--workers", workers, stage="extract")
+        assert code == 0, said
+        assert contents(place).items() <= contents(undisturbed).items()
+
+
+def test_a_folder_that_cannot_be_written_is_named(tmp_path: Path) -> None:
+    with _mounted(tmp_path / "still", "ro") as still:
+        code, said = run(Place(still.parent, options=("--work", str(still))))
+    assert code == 2
+    assert said == f"highd-lc: {still}: cannot be used as the work folder: Read-only file system\n"
+
+
+def test_reports_that_cannot_be_written_are_named(undisturbed: Place, tmp_path: Path) -> None:
+    with _mounted(tmp_path / "still", "ro") as still:
+        code, said = run(undisturbed, "--reports", str(still), "--workers", "1")
+    assert code == 2
+    assert f"highd-lc: {still}" in said
+    assert "Read-only file system" in said
+    assert "Traceback" not in said
+
+
+def test_a_work_folder_that_is_a_file_is_named(tmp_path: Path) -> None:
+    (tmp_path / "work").write_text("something else")
+    code, said = run(Place(tmp_path))
+    assert code == 2
+    assert said == f"highd-lc: {tmp_path / 'work'}: cannot be used as the work folder: File exists\n"
+
+
+def _run_while(place: Place, monkeypatch: pytest.MonkeyPatch, happens: object) -> engine.Outcome:
+    """A run in this process; something happens between the hashing of the inputs and their reading."""
+    original = engine.find_inputs
+
+    def then(*arguments: object, **options: object) -> object:
+        inputs = original(*arguments, **options)
+        happens()
+        return inputs
+
+    monkeypatch.setattr(engine, "find_inputs", then)
+    options = Options(place.data, place.work, place.reports, workers=1)
+    return engine.run(settings.load(Path(place.options[1])), options, last="extract", console=Console(quiet=True))
+
+
+def test_a_recording_that_changes_during_the_run_is_not_believed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    place = Place(tmp_path, data=copy_of_fixtures(tmp_path / "data"))
+    changed = place.data / "01_tracks.csv"
+    outcome = _run_while(place, monkeypatch, lambda: os.utime(changed, ns=(1, 1)))
+    assert [p.message for p in outcome.problems] == [
+        f"{changed}: changed during the run; run again to read it anew"
+    ]
+    assert not artefacts.tracks_folder(place.work, 1).exists()
+    assert not artefacts.part_folder(place.work, "ingest", 1).exists()
+    assert set(artefacts.read(place.work, "events")["recording_id"]) == {2}
+
+
+def test_a_recording_that_vanishes_during_the_run_is_listed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    place = Place(tmp_path, data=copy_of_fixtures(tmp_path / "data"))
+    gone = place.data / "02_tracksMeta.csv"
+    outcome = _run_while(place, monkeypatch, gone.unlink)
+    assert [p.message for p in outcome.problems] == [f"{gone}: not found"]
+    assert set(artefacts.read(place.work, "events")["recording_id"]) == {1}
+
+
+def test_a_recording_that_is_gone_takes_its_results_with_it(undisturbed: Place, tmp_path: Path) -> None:
+    shutil.copytree(undisturbed.root, tmp_path / "run")
+    place = Place(tmp_path / "run", data=copy_of_fixtures(tmp_path / "data"))
+    for path in place.data.glob("01_*"):
+        path.unlink()
+    code, said = run(place, "--workers", "1")
+    assert code == 0, said
+    left = [name for name in contents(place) if "/01/" in name or "/01.json" in name or "/01-" in name]
+    assert left == []
+    if os.environ.get("HIGHD_LC_FAULTS"):
+        alone = Place(tmp_path / "alone", data=place.data)
+        assert run(alone, "--workers", "1")[0] == 0
+        assert contents(alone) == contents(place)
+
+
+def test_a_bad_recording_beside_a_good_one_is_listed(tmp_path: Path) -> None:
+    place = Place(tmp_path, data=copy_of_fixtures(tmp_path / "data"))
+    (place.data / "01_tracksMeta.csv").unlink()
+    (place.data / "03_tracks.csv").mkdir()
+    code, said = run(place, "--workers", "1", stage="extract")
+    assert code == 4
+    assert f"ingest: {place.data / '01_tracksMeta.csv'}: not found" in said
+    assert "Traceback" not in said
+    assert run(place, "--strict", stage="extract")[0] == 3
+
+
+def test_files_that_may_not_be_read_are_named(tmp_path: Path) -> None:
+    place = Place(tmp_path, data=copy_of_fixtures(tmp_path / "data"))
+    (place.data / "01_tracks.csv").chmod(0)
+    if os.access(place.data / "01_tracks.csv", os.R_OK):
+        pytest.skip("this user may read everything")
+    code, said = run(place, "--workers", "1", stage="extract")
+    assert code == 4
+    assert f"ingest: {place.data / '01_tracks.csv'}: cannot be read: Permission denied" in said
