@@ -15,14 +15,14 @@ from highd_lc.io import artefacts
 from highd_lc.reporting import labels
 from highd_lc.reporting.event import Box, EventReport, Path, Play, Row
 from highd_lc.stages.event_plays import policy_plays, surrounding
-from highd_lc.stages.event_traces import fit_traces, surface_of, track_traces
+from highd_lc.stages.event_traces import Track, fit_traces, surface_of, track_traces
 from highd_lc.vocab import names
 from highd_lc.vocab.job import Job
 from highd_lc.vocab.scene import Scene
 from highd_lc.vocab.settings import ValidateSettings
 
 FloatArray = NDArray[np.float64]
-Tracks = Mapping[str, pd.DataFrame]
+Tracks = Mapping[str, Track]
 
 PERIOD: Final = 0.1
 """Time step of all motions on a page [s]: the planner's, and the finest that a page to be shared may carry."""
@@ -67,11 +67,20 @@ def _by_event(work: Folder, name: str, recording: int) -> dict[str, tuple[Row, .
     return {event_id: tuple(rows) for event_id, rows in groups.items()}
 
 
-def _by_role(tracks: pd.DataFrame) -> dict[str, dict[str, pd.DataFrame]]:
-    roles: dict[str, dict[str, pd.DataFrame]] = defaultdict(dict)
-    for (event_id, role), rows in tracks.groupby(["event_id", "role"], sort=False):
-        roles[event_id][role] = rows
-    return roles
+def _by_role(tracks: pd.DataFrame) -> dict[str, dict[str, Track]]:
+    """Tracks by event and role. The table is ordered by both, so each is a slice of its columns."""
+    ids, roles = (tracks[name].to_numpy(object) for name in ("event_id", "role"))
+    changes = 1 + np.flatnonzero((ids[1:] != ids[:-1]) | (roles[1:] != roles[:-1]))
+    starts = np.concatenate([[0], changes]) if len(ids) else changes
+    stops = np.concatenate([changes, [len(ids)]]) if len(ids) else changes
+    vehicle, calibration = tracks["vehicle_id"].to_numpy(), tracks["calibration"].to_numpy(bool)
+    columns = [tracks[name].to_numpy(float) for name in ("t", "x", "y", "vx", "ax")]
+    grouped: dict[str, dict[str, Track]] = defaultdict(dict)
+    for start, stop in zip(starts, stops, strict=True):
+        part = slice(start, stop)
+        motion = (column[part] for column in columns)
+        grouped[ids[start]][roles[start]] = Track(int(vehicle[start]), *motion, calibration[part])
+    return grouped
 
 
 def _provenance(job: Job) -> tuple[tuple[str, str], ...]:
@@ -88,7 +97,7 @@ def event_report(event: Row, tables: RecordingTables, scene: Scene, settings: Va
     divider = _divider(event, tracks[names.EGO])
     of_event = {name: rows.get(event_id, ()) for name, rows in tables.rows.items()}
     problem = planner.pose(scene, settings)
-    boxes = {role: tables.boxes[int(rows["vehicle_id"].iloc[0])] for role, rows in tracks.items()}
+    boxes = {role: tables.boxes[track.vehicle_id] for role, track in tracks.items()}
     return EventReport(
         event=event,
         v0=scene.v0,
@@ -111,20 +120,19 @@ def event_report(event: Row, tables: RecordingTables, scene: Scene, settings: Va
 
 
 def _paths(tracks: Tracks, grid: FloatArray) -> dict[str, Path]:
-    return {role: _path(rows, grid) for role, rows in tracks.items()}
+    return {role: _path(track, grid) for role, track in tracks.items()}
 
 
-def _path(rows: pd.DataFrame, grid: FloatArray) -> Path:
-    t = rows["t"].to_numpy()
-    columns = (rows[name].to_numpy() for name in ("x", "y", "vx", "ax"))
-    return Path(*(np.interp(grid, t, values, left=np.nan, right=np.nan) for values in columns))
+def _path(track: Track, grid: FloatArray) -> Path:
+    columns = (track.x, track.y, track.vx, track.ax)
+    return Path(*(np.interp(grid, track.t, values, left=np.nan, right=np.nan) for values in columns))
 
 
-def _divider(event: Row, ego: pd.DataFrame) -> float:
+def _divider(event: Row, ego: Track) -> float:
     """y of the crossed marking: where the ego's centre passes between the crossing frame and the one before."""
     period = 1.0 / float(event["frame_rate"])
     crossing = (event["crossing_frame"] - event["start_frame"]) * period
-    return float(np.interp(crossing - period / 2.0, ego["t"], ego["y"]))
+    return float(np.interp(crossing - period / 2.0, ego.t, ego.y))
 
 
 def _markings(event: Row, tables: RecordingTables, divider: float) -> tuple[float, ...]:

@@ -1,9 +1,9 @@
 """What lies behind an event's tables, computed again for drawing: loss surface, fits, tracking."""
 
 from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
 
 import numpy as np
-import pandas as pd
 from numpy.typing import NDArray
 
 from highd_lc.algorithms.following_window import RecordedMotion, following_track
@@ -18,7 +18,24 @@ from highd_lc.vocab.lcm_parameters import PARAMETERS
 from highd_lc.vocab.tracking import KINEMATIC, Reference
 
 FloatArray = NDArray[np.float64]
-Tracks = Mapping[str, pd.DataFrame]
+
+
+@dataclass(frozen=True)
+class Track:
+    """A vehicle's recorded rows in an event, native frames: t [s] ascending, x, y [m], vx [m/s], ax [m/s^2], and
+    whether a row belongs to the calibration window; each of shape (n,).
+    """
+
+    vehicle_id: int
+    t: FloatArray
+    x: FloatArray
+    y: FloatArray
+    vx: FloatArray
+    ax: FloatArray
+    calibration: NDArray[np.bool_]
+
+
+Tracks = Mapping[str, Track]
 
 
 def surface_of(problem: PlanningProblem, plans: Iterable[Row]) -> Surface:
@@ -43,16 +60,13 @@ def fit_traces(tracks: Tracks, boxes: Mapping[str, Box], fits: Iterable[Row]) ->
 
 def _fit_trace(tracks: Tracks, boxes: Mapping[str, Box], fit: Row) -> FitTrace:
     rank = fit["follower"]
-    role, ahead = (
-        names.target_follower(rank),
-        names.TARGET_LEADER if rank == 1 else names.target_follower(rank - 1),
-    )
-    own = tracks[role]
-    window = own[own["calibration"]]
-    recorded = following_track(_recorded(window, boxes[role]), _recorded(tracks[ahead], boxes[ahead]))
+    role = names.target_follower(rank)
+    ahead = names.TARGET_LEADER if rank == 1 else names.target_follower(rank - 1)
+    own, leader = tracks[role], tracks[ahead]
+    follower = _recorded(own, own.calibration, boxes[role])
+    recorded = following_track(follower, _recorded(leader, slice(None), boxes[ahead]))
     simulated = simulate(recorded, np.array([fit[name] for name in PARAMETERS], dtype=float))
-    end = min(window["t"].iloc[-1], tracks[ahead]["t"].iloc[-1])
-    last = np.floor(end / TIME_STEP + 1e-6)
+    last = np.floor(min(follower.t[-1], leader.t[-1]) / TIME_STEP + 1e-6)
     return FitTrace(
         t=(last - np.arange(recorded.x.size)[::-1]) * TIME_STEP,
         spacing_recorded=recorded.spacing,
@@ -62,9 +76,8 @@ def _fit_trace(tracks: Tracks, boxes: Mapping[str, Box], fit: Row) -> FitTrace:
     )
 
 
-def _recorded(rows: pd.DataFrame, box: Box) -> RecordedMotion:
-    t, x, v, a = (rows[name].to_numpy(float) for name in ("t", "x", "vx", "ax"))
-    return RecordedMotion(t, x, v, a, box.length)
+def _recorded(track: Track, rows: NDArray[np.bool_] | slice, box: Box) -> RecordedMotion:
+    return RecordedMotion(track.t[rows], track.x[rows], track.vx[rows], track.ax[rows], box.length)
 
 
 def track_traces(problem: PlanningProblem, plans: Iterable[Row]) -> tuple[TrackTrace, ...]:
