@@ -16,7 +16,12 @@ _ZOOM_FIXED: Final = 16
 _ZOOM_FREE: Final = 8
 _OVERLAP: Final = 1.3
 _FIRST_LEVELS: Final = 2
-"""Levels that tell the basins and durations apart; only the best one is refined further."""
+"""Levels that tell basins apart, and durations in the fixed form; only the best one is refined further."""
+_STEPS_FIXED: Final = (-4, -3, -2, -1, 1, 2, 3, 4)
+_STEPS_FREE: Final = (-2, -1, 0, 1, 2)
+"""Durations explored about the best one [samples]; 0: that one once more."""
+_MOST_ROUNDS: Final = 30
+"""Bound on the walk along T; it ends by itself after a few rounds."""
 
 
 @dataclass(frozen=True)
@@ -38,12 +43,22 @@ Row = tuple[int, int, int]
 def refine(task: Task, pool: Pool, goals: list[Goal], *, free: bool) -> Pool:
     """The pool with finer candidates about the best of each goal: basins, then durations, then the last digits."""
     pool = zoom(task, pool, goals, _basins(task, pool, goals), free=free)
+    if free:
+        # Two unknowns settle slowly: durations can be told apart only once the last digits are there.
+        pool = zoom(task, pool, goals, _best(pool, goals), free=free, finest=True)
     explored: set[int] = set()
-    while rows := _neighbours(task, pool, goals, explored):
-        pool = zoom(task, pool, goals, rows, free=free)
+    for _ in range(_MOST_ROUNDS):
+        rows = _neighbours(task, pool, goals, explored, _STEPS_FREE if free else _STEPS_FIXED)
+        pool = zoom(task, pool, goals, rows, free=free, finest=free)
+        if not rows:
+            break
+    return pool if free else zoom(task, pool, goals, _best(pool, goals), free=free, finest=True)
+
+
+def _best(pool: Pool, goals: list[Goal]) -> list[Row]:
+    """The best candidate of each goal that has one."""
     best = [(g, pool.best(goal)) for g, goal in enumerate(goals)] if len(pool) else []
-    last = [(int(pool.n[i]), i, g) for g, i in best if i is not None]
-    return zoom(task, pool, goals, last, free=free, finest=True)
+    return [(int(pool.n[i]), i, g) for g, i in best if i is not None]
 
 
 def possible_durations(task: Task) -> IntArray:
@@ -70,14 +85,16 @@ def _basins(task: Task, pool: Pool, goals: list[Goal]) -> list[Row]:
     return [(int(pool.n[i]), i, g) for (_, chosen), g in rows.items() for i in chosen]
 
 
-def _neighbours(task: Task, pool: Pool, goals: list[Goal], explored: set[int]) -> list[Row]:
-    """The durations next to each goal's best candidate, unless that one's have been explored."""
+def _neighbours(
+    task: Task, pool: Pool, goals: list[Goal], explored: set[int], steps: tuple[int, ...]
+) -> list[Row]:
+    """The durations ``steps`` from each goal's best candidate, unless that one's have been explored."""
     rows: list[Row] = []
-    for g, goal in enumerate(goals):
-        best = pool.best(goal) if len(pool) else None
-        if best is not None and best not in explored:
+    allowed = set(possible_durations(task).tolist())
+    for n, best, g in _best(pool, goals):
+        if best not in explored:
             explored.add(best)
-            rows += [(n, best, g) for n in _around(task, int(pool.n[best]))]
+            rows += [(n + step, best, g) for step in steps if n + step in allowed]
     return rows
 
 
@@ -104,12 +121,6 @@ def _spacing(value: FloatArray, widest: FloatArray, nodes: int) -> FloatArray:
     """Distance to the next node of the first grid, whose nodes lie at widest s |s|."""
     step = 2.0 / (nodes - 1)
     return widest * step * (2.0 * np.sqrt(np.minimum(np.abs(value) / widest, 1.0)) + step)
-
-
-def _around(task: Task, n: int) -> list[int]:
-    """Durations up to four samples from n."""
-    allowed = set(possible_durations(task).tolist())
-    return [n + step for step in (-4, -3, -2, -1, 1, 2, 3, 4) if n + step in allowed]
 
 
 def _best_of_basins(pool: Pool, objective: FloatArray, count: int) -> list[int]:
