@@ -135,6 +135,8 @@ def _refusal(change: LaneChange, path: Path) -> str:
 
 def _unbroken(frame: IntArray, sample: int) -> tuple[int, int]:
     """First and last sample of the run of consecutive frames around a sample."""
+    if frame[-1] - frame[0] == len(frame) - 1:
+        return 0, len(frame) - 1
     holes = 1 + np.flatnonzero(frame[1:] != frame[:-1] + 1)
     place = int(np.searchsorted(holes, sample, side="right"))
     first = int(holes[place - 1]) if place else 0

@@ -56,7 +56,7 @@ def neighbours(ego: Ego, lane: Lane, *, max_link_m: float, max_followers: int) -
     each link at most ``max_link_m`` front to front.
     """
     ahead = _is_ahead(ego, lane)
-    leaders, followers = np.flatnonzero(ahead), np.flatnonzero(~ahead)
+    leaders, followers = ahead.nonzero()[0], (~ahead).nonzero()[0]
     chain: list[int] = []
     last = ego.front
     for place in followers[np.argsort(-lane.front[followers], kind="stable")][:max_followers]:

@@ -20,6 +20,7 @@ from highd_lc.vocab.job import Provenance
 from highd_lc.vocab.tables import TRACKS
 
 FloatArray = NDArray[np.float64]
+SingleArray = NDArray[np.float32]
 IntArray = NDArray[np.int64]
 _NULL_IF_ZERO = ("lane", "leader_id", "follower_id")
 
@@ -28,18 +29,17 @@ _NULL_IF_ZERO = ("lane", "leader_id", "follower_id")
 class TrackArrays:
     """Rows of the tracks artefact that extraction needs, ordered by vehicle and frame, (rows,) each; 0 = null.
 
-    x, y [m], vx, vy [m/s], ax, ay [m/s^2] in road coordinates (see ``vocab.tables.TRACKS``); speeds and
-    accelerations with single precision.
+    x, y [m], vx, vy [m/s], ax, ay [m/s^2] in road coordinates (see ``vocab.tables.TRACKS``).
     """
 
     vehicle_id: IntArray
     frame: IntArray
     x: FloatArray
     y: FloatArray
-    vx: FloatArray
-    vy: FloatArray
-    ax: FloatArray
-    ay: FloatArray
+    vx: SingleArray
+    vy: SingleArray
+    ax: SingleArray
+    ay: SingleArray
     lane: IntArray
     leader_id: IntArray
 
@@ -88,8 +88,6 @@ def read(work: Path, recording: int) -> TrackArrays:
     return TrackArrays(*(_to_numpy(table[name]) for name in names))
 
 
-def _to_numpy(column: pa.ChunkedArray) -> FloatArray | IntArray:
-    """As 64 bit, for one compiled version of every kernel."""
-    values = column.combine_chunks()
-    narrow = (values.fill_null(0) if values.null_count else values).to_numpy(zero_copy_only=False)
-    return narrow.astype(np.int64 if narrow.dtype.kind == "i" else np.float64, copy=False)
+def _to_numpy(column: pa.ChunkedArray) -> NDArray[np.generic]:
+    values = column.chunk(0) if column.num_chunks == 1 else column.combine_chunks()
+    return (values.fill_null(0) if values.null_count else values).to_numpy(zero_copy_only=False)

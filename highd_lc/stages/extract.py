@@ -184,13 +184,13 @@ def _id(recording: _Recording, vehicle: int) -> int | None:
     return None if vehicle == NOBODY else int(recording.traffic.ids[vehicle])
 
 
-def _snapped(values: FloatArray) -> FloatArray:
+def _snapped(values: NDArray[np.floating]) -> FloatArray:
     """To the grid of 1e-4, so that a mirrored recording gives the same numbers; never -0.
 
     Undoes the rounding of positions in sums and of speeds in the tracks artefact: HighD's values have a grid of
     0.01, the halves of its lengths one of 0.005.
     """
-    return np.round(values, 4) + 0.0
+    return np.round(values.astype(np.float64), 4) + 0.0
 
 
 def _write_event_tracks(job: Job, recording: _Recording, events: list[Crossing]) -> int:

@@ -31,7 +31,7 @@ def test_what_is_read_is_what_was_written(written):
     assert found.lane.tolist() == tracks.lane.tolist()
     assert found.leader_id.tolist() == [0] * 6
     assert {a.dtype for a in (found.vehicle_id, found.frame, found.lane)} == {np.dtype(np.int64)}
-    assert found.vx.dtype == np.float64
+    assert found.vx.dtype == np.float32
 
 
 def test_table_has_the_columns_of_the_contract_and_nulls_for_nobody(written):
