@@ -187,7 +187,7 @@ def _rectangle() -> Iterator[Row]:
     moved = f"({local.distance} - (235.56 - {_TABLE_1_END})) / {bench.distance} - 1"
     yield _row(
         "HV_3 at 20 m/s",
-        "the gain in flow at 20 m/s outlasts the clipping of HV_3, the only one beyond 200 m",
+        "the gain in flow at 20 m/s does not rest on HV_3, the only one not clipped at 200 m",
         f"{moved} = {gain:.2f} %, printed {printed_gain:.2f} %",
         printed=printed_gain,
         computed=gain,
@@ -200,7 +200,7 @@ def _weights() -> Iterator[Row]:
     """Time headway at t_start, weights of scenario 3, the total at omega_AV = 0.1."""
     yield _row(
         "shortest time headway",
-        "10 m between centres at 25 m/s are a time headway below the printed shortest one",
+        "no time headway is shorter than the printed one (10 m between centres at t_start)",
         "10 / 25 = 0.40 s at t_start already",
         printed=0.42,
         computed=10.0 / 25.0,

@@ -149,6 +149,7 @@ def loss_figure(cells: pd.DataFrame, *, printed: Mapping[str, PrintedLosses]) ->
             _stack(one, x, rows[(rows["form"] == form) & (rows["omega_av"] == omega)])
         one.set_xticks(range(4), ["bench.", "local", "bench.\nfree", "local\nfree"])
         label(one, title=_accounting(accounting), grid="y")
+    axes[0, 0].margins(y=0.08)
     axes[0, 0].set_ylabel("loss (normalised)", fontsize=SIZE, color=QUIET)
     handles = [Patch(color=colour, label=text) for _, text, colour in _PARTS]
     figure.legend(handles=handles, loc="outside lower center", ncols=4, **LEGEND)
@@ -200,8 +201,8 @@ def weight_figure(cells: pd.DataFrame, *, printed: Mapping[float, PrintedLosses]
                 (losses.av, losses.hv, losses.av + losses.hv), quantities, strict=True
             ):
                 one.plot(omega, value, "D", ms=5.5, mfc="none", mec=colour, mew=1.3, clip_on=False)
-        one.set_ylim(bottom=0)
         label(one, title=_accounting(accounting), x="weight of the AV, omega_AV")
+    axes[0, 0].set_ylim(bottom=0)
     axes[0, 0].set_ylabel("loss (normalised)", fontsize=SIZE, color=QUIET)
     handles, texts = axes[0, 0].get_legend_handles_labels()
     free = Line2D([], [], color=QUIET, ls="--")

@@ -1,6 +1,6 @@
 """Pages of the scenarios: what happens (figures), and the ledger of every published number and claim."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -63,18 +63,24 @@ def picture_section(
 
 
 _LEDGER_COLUMNS: Final = (
-    Column("what", "Quantity"),
+    Column("what_unit", "Quantity"),
     Column("policy_label", "Policy"),
-    Column("unit", "Unit"),
     Column("published", "Published", digits=2),
     Column("ours", "Ours", digits=2),
     Column("ratio", "Ratio", digits=3),
     Column("verdict", "Verdict"),
     Column("paper_literal", "Paper literal", digits=2),
-    *(Column(a, f"Accounting “{labels.ACCOUNTING_NAMES[a].lower()}”", digits=2) for a in names.ACCOUNTINGS),
+    *(Column(a, f"Accounting {labels.ACCOUNTING_NAMES[a].lower()}", digits=2) for a in names.ACCOUNTINGS),
     Column("nearest", "Nearest", digits=2),
     Column("nearest_ratio", "Ratio", digits=3),
+)
+_PLACE_COLUMNS: Final = (
+    Column("what_unit", "Quantity"),
+    Column("policy_label", "Policy"),
+    Column("published", "Published", digits=2),
+    Column("nearest", "Nearest", digits=2),
     Column("nearest_cell", "in the cell (variant, form, accounting)"),
+    Column("nearest_verdict", "Verdict"),
     Column("note", "Note"),
 )
 _TITLES: Final = {
@@ -109,7 +115,9 @@ def readable_ledger(ledger: pd.DataFrame) -> pd.DataFrame:
     policy = ledger["policy"].map(labels.short_policy)
     weighted = ledger["key"].str.extract(r"@([0-9.]+):", expand=False)
     policy = policy.where(weighted.isna(), "omega_AV " + weighted.fillna(""))
-    return ledger.assign(what=ledger["quantity"].map(quantity_words), policy_label=policy)
+    what = ledger["quantity"].map(quantity_words)
+    unit = ledger["unit"].map(lambda text: f" [{text}]" if text else "")
+    return ledger.assign(what_unit=what + unit, policy_label=policy)
 
 
 def ledger_sections(ledger: pd.DataFrame) -> list[Section]:
@@ -119,8 +127,10 @@ def ledger_sections(ledger: pd.DataFrame) -> list[Section]:
     for scenario, title in _TITLES.items():
         rows = readable[readable["scenario"] == scenario]
         cells = rows["quantity"].str.startswith("rectangle_")
-        folded = [table_view(rows[cells], _LEDGER_COLUMNS, "Table 1, vehicle by vehicle")] if cells.any() else []
         main = table_view(rows[~cells], _LEDGER_COLUMNS)
+        folded = [table_view(rows[~cells], _PLACE_COLUMNS, "Where the nearest values stand; notes")]
+        if cells.any():
+            folded.append(table_view(rows[cells], _LEDGER_COLUMNS, "Table 1, vehicle by vehicle"))
         sections.append(Section(title, tables=(main,), folded=tuple(folded), anchor=f"scenario-{scenario}"))
     return sections
 
@@ -141,11 +151,11 @@ CLAIM_WORDS: Final = {
 """Claims in the order of the paper, in few words."""
 
 _CLAIM_COLUMNS: Final = (
-    Column("statement", "Claim"),
+    Column("words", "Claim"),
     Column("scenario_label", "Scenario"),
     Column("printed", "Printed"),
     *(
-        Column(f"{form} {accounting}", f"{labels.FORMS[form]}, {labels.ACCOUNTING_NAMES[accounting].lower()}")
+        Column(f"{form} {accounting}", f"{form.capitalize()}: {labels.ACCOUNTING_NAMES[accounting].lower()}")
         for form in names.FORMS
         for accounting in names.ACCOUNTINGS
     ),
@@ -167,7 +177,9 @@ def claims_section(claims: pd.DataFrame, *, title: str = "Claims", what: str = "
     what: of what the cells are counted; a sweep's are too many to be listed.
     """
     labelled = claims.assign(
+        words=claims["claim"].map(CLAIM_WORDS),
         scenario_label=claims["scenario"].map(scenario_words),
+        printed=claims["printed"].str.replace(" -> ", " → "),
         cell=[f"{r.form} {r.accounting}" for r in claims.itertuples()],
         default_label=claims["default_verdict"].map(_VERDICT_WORDS),
         **{
@@ -178,12 +190,12 @@ def claims_section(claims: pd.DataFrame, *, title: str = "Claims", what: str = "
     labelled["verdict"] = [_verdict_text(row) for row in labelled.itertuples()]
     order = labelled["claim"].map({name: i for i, name in enumerate(CLAIM_WORDS)})
     labelled = labelled.iloc[order.argsort(kind="stable")]
-    index = ["claim", "scenario", "statement", "scenario_label", "printed"]
+    index = ["claim", "scenario", "words", "scenario_label", "printed"]
     wide = labelled.pivot_table(index=index, columns="cell", values="verdict", aggfunc="first", sort=False)
     text = (
-        f"Each cell: the verdict under the default options, then in how many of the {what} the claim holds, "
-        "of those that have both plans. “No change” means that both plans are the same, or differ "
-        "by less than 0.1 %."
+        f"Each cell (end speed: accounting): the verdict under the default options, then in how many of the "
+        f"{what} the claim holds, of those that have both plans. “No change” means that both plans are the same, "
+        "or differ by less than 0.1 %."
     )
     details = table_view(labelled, _DETAIL_COLUMNS, "The options under which each claim holds and fails")
     return Section(
@@ -197,7 +209,7 @@ def claims_section(claims: pd.DataFrame, *, title: str = "Claims", what: str = "
 
 def _verdict_text(row: object) -> str:
     verdict, holds, cells = row.default_verdict, row.holds, row.cells  # type: ignore[attr-defined]
-    counted = f" ({holds} of {cells})" if cells > 1 else ""
+    counted = f" {holds}/{cells}" if cells > 1 else ""
     return f"{_VERDICT_WORDS[verdict]}{counted}"
 
 
@@ -228,11 +240,26 @@ def arithmetic_section(rows: pd.DataFrame) -> Section:
     )
 
 
-def ledger_markdown(ledger: pd.DataFrame, claims: pd.DataFrame, arithmetic: pd.DataFrame) -> str:
-    """The ledger as a text with tables, for the documentation; Table 1 is left to the page."""
+def ledger_markdown(
+    ledger: pd.DataFrame, claims: pd.DataFrame, *, arithmetic: pd.DataFrame, lead: Sequence[str] = ()
+) -> str:
+    """The ledger as a text with tables, for the documentation; Table 1 is left to the page. lead: paragraphs."""
     readable = readable_ledger(ledger)
     short = readable[~readable["quantity"].str.startswith("rectangle_")]
-    parts = [_MARKDOWN_HEAD, _ledger_table(short), _MARKDOWN_CLAIMS, _claims_table(claims), _MARKDOWN_ARITHMETIC]
+    begin = "\n".join(f"{text}\n" for text in (_MARKDOWN_HEAD, *lead))
+    parts = [begin, _ledger_table(short), _MARKDOWN_CLAIMS, _claims_table(claims), _MARKDOWN_ARITHMETIC]
+    odd = arithmetic[arithmetic["verdict"] == "inconsistent"]
+    lines = [f"| {r.statement} | {r.computation} | {html.number(r.printed)} |" for r in odd.itertuples()]
+    return "\n".join([*parts, "| statement | computation | printed |", "|---|---|---|", *lines, ""])
+
+
+_MARKDOWN_HEAD: Final = """# Published numbers of the scenarios, and ours
+
+Written by `highd-lc scenarios`, as `ledger.md` beside its pages. The ledger in full, with Table 1 vehicle by vehicle,
+paper_literal and every accounting, is `ledger.html` and `ledger.parquet`; every cell with all of its options is in
+`scenario_cells.parquet`. *Ours* is the default of `pipelines/scenarios.toml`, *nearest* the best of all cells looked
+at."""
+_MARKDOWN_CLAIMS, _claims_table(claims), _MARKDOWN_ARITHMETIC]
     odd = arithmetic[arithmetic["verdict"] == "inconsistent"]
     lines = [f"| {r.statement} | {r.computation} | {html.number(r.printed)} |" for r in odd.itertuples()]
     return "\n".join([*parts, "| statement | computation | printed |", "|---|---|---|", *lines, ""])
@@ -258,7 +285,7 @@ _MARKDOWN_ARITHMETIC: Final = """
 def _ledger_table(readable: pd.DataFrame) -> str:
     head = "| scenario | quantity | policy | published | ours | ratio | verdict | nearest | in the cell |"
     lines = [
-        f"| {scenario_words(r.scenario)} | {r.what}{f' [{r.unit}]' if r.unit else ''} | {r.policy_label} "
+        f"| {scenario_words(r.scenario)} | {r.what_unit} | {r.policy_label} "
         f"| {html.number(r.published)} | {html.number(r.ours)} | {html.number(r.ratio)} | {r.verdict} "
         f"| {html.number(r.nearest)} | {r.nearest_cell} |"
         for r in readable.itertuples()
@@ -274,6 +301,8 @@ def _claims_table(claims: pd.DataFrame) -> str:
     return "\n".join([head, rule, *("| " + " | ".join(map(str, row)) + " |" for row in table.rows)])
 
 
-def claim_counts(claims: pd.DataFrame) -> Mapping[str, int]:
-    """How many claims hold, fail, change nothing or have no plan under the default options and cells."""
-    return claims["default_verdict"].value_counts().to_dict()
+def claim_counts(claims: pd.DataFrame) -> str:
+    """How many claims hold, fail or change nothing under the default options, as a phrase."""
+    counts = claims["default_verdict"].value_counts()
+    phrases = {"holds": "hold", "fails": "fail", "unchanged": "show no change", "no_plan": "have no plan"}
+    return ", ".join(f"{counts[word]} {text}" for word, text in phrases.items() if word in counts)

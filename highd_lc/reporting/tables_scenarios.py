@@ -116,7 +116,7 @@ def _contacts(frames: Frames) -> TableView:
         Column("gap_start_m", "Gap at t_start", "m", 2),
         Column("min_gap_m", "Smallest gap", "m", 2),
         Column("min_gap_at_s", "at", "s", 1),
-        Column("min_clearance_m", "Smallest clearance of the ellipses", "m", 2),
+        Column("min_clearance_m", "Ellipse clearance", "m", 2),
         Column("hv1_peak_decel", "HV 1 brakes by", "m/s²", 2),
         Column("verdict", "Outcome"),
     )

@@ -74,17 +74,19 @@ WORDS: Final = {
 }
 
 
+_PRE_PHASE: Final = {"hold": "held until t_start", "lcm": "driving by LCM from the begin of the scenario"}
+
+
 def lead(frames: Frames, settings: ScenarioSettings) -> list[str | Markup]:
     """What the page begins with: options, claims, the way to the ledger."""
     counted = claim_counts(_default_claims(frames["claims"], settings))
-    claims = ", ".join(f"{n} {word}" for word, n in counted.items())
     options = settings.options
     return [
         f"Default options: accounting “{labels.ACCOUNTING_NAMES[settings.accounting].lower()}”, "
         f"{labels.FORMS[settings.form].lower()}, platoon at {settings.scenario_1.platoon_speed:g} m/s with "
-        f"{options.spacing_m:g} m spacing ({options.pre_phase} until t_start), followers' losses: "
+        f"{options.spacing_m:g} m spacing ({_PRE_PHASE[options.pre_phase]}), followers' losses: "
         f"{options.aggregation}, H = {options.horizon_s:g} s.",
-        f"Claims of the paper under them: {claims}.",
+        f"Claims of the paper under them, scenario by scenario: {counted}.",
         Markup('Every published number beside ours: <a href="ledger.html">the ledger</a>.'),
     ]
 

@@ -57,7 +57,9 @@ def write_pages(
     entries.append(pages.arithmetic_section(frames["arithmetic"]))
     title = "Every published number, ours, and the ratio"
     ledger = pages.scenario_page("ledger.html", title, entries, lead=words.ledger_lead(frames), back=back)
-    text = pages.ledger_markdown(frames["ledger"], frames["claims"], frames["arithmetic"])
+    text = pages.ledger_markdown(
+        frames["ledger"], frames["claims"], arithmetic=frames["arithmetic"], lead=words.ledger_lead(frames)
+    )
     for name, content in (("index.html", index), ("ledger.html", ledger), ("ledger.md", text)):
         with whole_file(out / name) as sink:
             sink.write(content.encode("utf-8"))

@@ -60,8 +60,8 @@ def test_words():
 def test_claims_show_verdict_and_count_in_every_cell():
     section = pages.claims_section(claims())
     (row,) = section.tables[0].rows
-    assert row[:3] == ("the local optimum lowers the followers' loss", "2, AV 15 m/s", "–")
-    assert row[3:] == ("holds (2 of 3)",) * 6
+    assert row[:3] == ("HV loss falls", "2, AV 15 m/s", "–")
+    assert row[3:] == ("holds 2/3",) * 6
     details = section.folded[0].rows
     assert len(details) == 6
     assert details[0][-3:] == ("default, bumpers", "weighted", "–")
@@ -103,7 +103,7 @@ def test_markdown_has_a_line_for_every_number_and_contradiction():
             "verdict": ["consistent", "inconsistent"],
         }
     )
-    text = pages.ledger_markdown(ledger, claims(), arithmetic)
+    text = pages.ledger_markdown(ledger, claims(), arithmetic=arithmetic)
     assert (
         "| 1 | AV loss | Benchmark | 21.42 | 10.36 | 0.48 | not reproduced | 21.40 | default, free, equal |"
         in text

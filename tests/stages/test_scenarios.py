@@ -112,4 +112,4 @@ def test_markdown_ledger_holds_the_claims(made):
     text = (made.page.parent / "ledger.md").read_text(encoding="utf-8")
     assert "## Claims" in text
     assert "50.06" in text
-    assert "the local optimum lowers the total loss" in text
+    assert "| total loss falls |" in text
