@@ -249,27 +249,20 @@ def ledger_markdown(
     begin = "\n".join(f"{text}\n" for text in (_MARKDOWN_HEAD, *lead))
     parts = [begin, _ledger_table(short), _MARKDOWN_CLAIMS, _claims_table(claims), _MARKDOWN_ARITHMETIC]
     odd = arithmetic[arithmetic["verdict"] == "inconsistent"]
-    lines = [f"| {r.statement} | {r.computation} | {html.number(r.printed)} |" for r in odd.itertuples()]
+    told = odd["computation"].str.replace("|", "\\|", regex=False)
+    lines = [
+        f"| {statement} | {computation} | {html.number(printed)} |"
+        for statement, computation, printed in zip(odd["statement"], told, odd["printed"], strict=True)
+    ]
     return "\n".join([*parts, "| statement | computation | printed |", "|---|---|---|", *lines, ""])
 
 
 _MARKDOWN_HEAD: Final = """# Published numbers of the scenarios, and ours
 
-Written by `highd-lc scenarios`, as `ledger.md` beside its pages. The ledger in full, with Table 1 vehicle by vehicle,
-paper_literal and every accounting, is `ledger.html` and `ledger.parquet`; every cell with all of its options is in
-`scenario_cells.parquet`. *Ours* is the default of `pipelines/scenarios.toml`, *nearest* the best of all cells looked
-at."""
-_MARKDOWN_CLAIMS, _claims_table(claims), _MARKDOWN_ARITHMETIC]
-    odd = arithmetic[arithmetic["verdict"] == "inconsistent"]
-    lines = [f"| {r.statement} | {r.computation} | {html.number(r.printed)} |" for r in odd.itertuples()]
-    return "\n".join([*parts, "| statement | computation | printed |", "|---|---|---|", *lines, ""])
-
-
-_MARKDOWN_HEAD: Final = """# Published numbers of the scenarios, and ours
-
-Written by `highd-lc scenarios`. The ledger in full, with Table 1 vehicle by vehicle and every option, is the page
-`reports/scenarios/ledger.html` and `ledger.parquet` beside it. Nothing was tuned: *ours* is the default of
-`pipelines/scenarios.toml`, *nearest* the best of all cells (19 variants x 2 forms x 3 accountings), told as such.
+Written by `highd-lc scenarios`, as `ledger.md` beside its pages. The ledger in full, with Table 1 vehicle by
+vehicle, paper_literal and every accounting, is `ledger.html` and `ledger.parquet`; every cell with all of its
+options is in `scenario_cells.parquet`. *Ours* is the default of `pipelines/scenarios.toml`, *nearest* the best of
+all cells looked at.
 """
 _MARKDOWN_CLAIMS: Final = """
 ## Claims
