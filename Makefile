@@ -53,5 +53,9 @@ check: $(VENV)/.set-up-dev
 bench: $(VENV)/.set-up-dev
 	@for file in benchmarks/bench_*.py; do echo "== $$file"; $(BIN)/python $$file || exit 1; done
 
+# HighD's size, synthesized: about 5 GB in a temporary folder. ARGS="--recordings 6" tries a part of it.
+bench-full: $(VENV)/.set-up-dev
+	@$(BIN)/python benchmarks/full_scale.py --workers $(WORKERS) $(ARGS)
+
 clean:
 	@rm -rf work build dist

@@ -151,9 +151,11 @@ def synthesize(
     recordings: Annotated[int, typer.Option(min=1, max=200, help="number of recordings")] = 3,
     seconds: Annotated[float, typer.Option(min=5, max=3600, help="length of each [s]")] = 90.0,
     seed: Annotated[int, typer.Option(min=0, help="seed")] = 1,
+    workers: Annotated[int, typer.Option(min=1, max=256, help="threads")] = 2,
 ) -> None:
     """Write synthetic recordings in HighD's format, with their truth beside them."""
-    made = synthetic.synthesize(out, recordings=recordings, seconds=seconds, seed=seed)
+    with _signals_as_errors():
+        made = synthetic.synthesize(out, recordings=recordings, seconds=seconds, seed=seed, workers=workers)
     console.print(f"{len(made)} recordings in {out}", soft_wrap=True)
 
 
