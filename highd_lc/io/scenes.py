@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
-from scipy.signal import savgol_filter
 
+from highd_lc.core.kinematics import local_polynomial
 from highd_lc.core.lcm import moved_behind
 from highd_lc.core.losses import command_jerk
 from highd_lc.core.resampling import hermite
@@ -193,11 +193,10 @@ def _human(event: object, ego: dict[str, FloatArray], settings: PlannerSettings)
     """The recorded path, smoothed by a local cubic (Savitzky-Golay), and its derivatives at the grid's samples."""
     rate = float(event.frame_rate)
     grid = np.arange(round(event.duration_s / TIME_STEP) + 1) * TIME_STEP
-    window = min(2 * round(settings.human_smoothing_s * rate / 2.0) + 1, 2 * ((len(ego["t"]) - 1) // 2) + 1)
     smooth = {}
     for axis in ("x", "y"):
-        for order, prefix in enumerate(("", "v", "a", "j")):
-            values = savgol_filter(ego[axis], max(window, 5), 3, deriv=order, delta=1.0 / rate, mode="interp")
+        derivatives = local_polynomial(ego[axis], rate, window_s=settings.human_smoothing_s, order=3)
+        for prefix, values in zip(("", "v", "a", "j"), derivatives, strict=True):
             smooth[prefix + axis] = np.interp(grid, ego["t"], values)
     raw = sum(command_jerk(np.interp(grid, ego["t"], ego[a]), TIME_STEP).sum() for a in ("ax", "ay"))
     crossing = round((event.crossing_frame - event.start_frame) / rate / TIME_STEP)
