@@ -131,7 +131,8 @@ def _at_bound(problem: PlanningProblem, plan: Plan) -> list[str]:
         return []
     settings = problem.settings.planner
     edge = [b for b in (settings.T_min, settings.T_max) if abs(plan.quintic.T - b) < 1e-9]
-    return (["T"] if edge else []) + plan.at_bound
+    waited = 0.0 < settings.max_delay_s <= plan.delay_s + 1e-9
+    return (["T"] if edge else []) + (["delay_s"] if waited else []) + plan.at_bound
 
 
 def _violated(plan: Plan) -> list[str]:
