@@ -1,10 +1,11 @@
 """Plans of every policy for one event: self-optimum, local optimum and the references beside them."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
 from highd_lc.algorithms import dynamics
 from highd_lc.algorithms.candidates import LossTerms, loss_terms
@@ -14,6 +15,7 @@ from highd_lc.algorithms.replay import (
     AvMotion,
     Replay,
     clearances,
+    drive_on,
     follow,
     free_motion,
     human_motion,
@@ -25,6 +27,8 @@ from highd_lc.core.quintic import Quintic
 from highd_lc.vocab import names
 from highd_lc.vocab.scene import Scene
 from highd_lc.vocab.settings import ValidateSettings
+
+FloatArray = NDArray[np.float64]
 
 CONSTANT_T = 5.5
 """Duration of the reference that changes lane at constant speed [s] (SPEC section 6)."""
@@ -192,7 +196,15 @@ def reference_plans(problem: PlanningProblem, policy: str) -> list[Plan]:
 
 
 def stay(problem: PlanningProblem) -> Replay:
-    """No lane change: the AV behind the origin leader, the followers behind the target leader.
+    """No lane change (see ``unchanged_motion``) with its clearances."""
+    packed = problem.packed
+    av, x, v, a = unchanged_motion(problem)
+    to_T, after_T = clearances(av.x, av.y, av.vx, av.vy, av.n, len(av.x) - 1, packed, x)
+    return Replay(av, x, v, a, to_T, after_T)
+
+
+def unchanged_motion(problem: PlanningProblem) -> tuple[AvMotion, FloatArray, FloatArray, FloatArray]:
+    """The AV behind the origin leader, the followers behind the target leader: its motion, and their x, v, a.
 
     Both by LCM; the AV's drive follows the setting ``after`` from t_start on. T counts as ``CONSTANT_T``.
     """
@@ -202,12 +214,11 @@ def stay(problem: PlanningProblem) -> Replay:
     front = np.full(samples, np.inf) if origin is None else origin.x + origin.length / 2.0
     speed = np.zeros(samples) if origin is None else origin.v
     lane = packed._replace(target_front=front, target_v=speed, D=0.0, from_crossing=False)
-    av = replay(free_motion(packed), lane).av
+    free = free_motion(packed)
+    drive_on(free.x, free.y, free.vx, free.ax, free.jerk, free.n, lane)
     x, v, a = (np.empty((len(packed.follower_x), samples)) for _ in range(3))
-    follow(av.x, av.vx, samples, packed, x, v, a)
-    n = round(CONSTANT_T / packed.dt)
-    to_T, after_T = clearances(av.x, av.y, av.vx, av.vy, n, samples - 1, packed, x)
-    return Replay(AvMotion(av.x, av.y, av.vx, av.vy, av.ax, av.jerk, n, samples), x, v, a, to_T, after_T)
+    follow(free.x, free.vx, samples, packed, x, v, a)
+    return replace(free, n=round(CONSTANT_T / packed.dt)), x, v, a
 
 
 def overlap_at_start(problem: PlanningProblem) -> list[str]:

@@ -54,8 +54,8 @@ def _delayed(posed: StartProblem, key: Key, v_start: float, T: float, x_final: f
 
 def _replayed(problem: PlanningProblem, policy: str, T: float, x_final: float, v_end: float) -> Driven:
     if policy == names.NO_LANE_CHANGE:
-        stayed = planner.stay(problem)
-        return stayed.av, (stayed.x, stayed.v, stayed.a)
+        av, *followers = planner.unchanged_motion(problem)
+        return av, (followers[0], followers[1], followers[2])
     if policy == names.HUMAN:
         return _driven(human_motion(problem.scene.human, problem.packed), problem.packed)
     quintic = Quintic(v0=problem.scene.v0, D=problem.scene.lateral_shift, T=T, x_final=x_final, v_end=v_end)
