@@ -241,13 +241,24 @@ def arithmetic_section(rows: pd.DataFrame) -> Section:
 
 
 def ledger_markdown(
-    ledger: pd.DataFrame, claims: pd.DataFrame, *, arithmetic: pd.DataFrame, lead: Sequence[str] = ()
+    ledger: pd.DataFrame,
+    claims: pd.DataFrame,
+    *,
+    arithmetic: pd.DataFrame,
+    lead: Sequence[str] = (),
+    swept: pd.DataFrame | None = None,
 ) -> str:
-    """The ledger as a text with tables, for the documentation; Table 1 is left to the page. lead: paragraphs."""
+    """The ledger as a text with tables, for the documentation; Table 1 is left to the page.
+
+    lead: paragraphs at the begin; swept: rows of ``sweep_claims``, None without a sweep.
+    """
     readable = readable_ledger(ledger)
     short = readable[~readable["quantity"].str.startswith("rectangle_")]
     begin = "\n".join(f"{text}\n" for text in (_MARKDOWN_HEAD, *lead))
-    parts = [begin, _ledger_table(short), _MARKDOWN_CLAIMS, _claims_table(claims), _MARKDOWN_ARITHMETIC]
+    parts = [begin, _ledger_table(short), _MARKDOWN_CLAIMS, _claims_table(claims)]
+    if swept is not None:
+        parts += [_MARKDOWN_SWEEP, _claims_table(swept)]
+    parts.append(_MARKDOWN_ARITHMETIC)
     odd = arithmetic[arithmetic["verdict"] == "inconsistent"]
     told = odd["computation"].str.replace("|", "\\|", regex=False)
     lines = [
@@ -269,6 +280,11 @@ _MARKDOWN_CLAIMS: Final = """
 
 Verdict under the default options, and in how many variants of the options the claim holds, of those with both
 plans.
+"""
+_MARKDOWN_SWEEP: Final = """
+## Claims over the sweep
+
+The same over every combination of the options that `--sweep` varies.
 """
 _MARKDOWN_ARITHMETIC: Final = """
 ## Printed numbers that contradict each other

@@ -58,7 +58,11 @@ def write_pages(
     title = "Every published number, ours, and the ratio"
     ledger = pages.scenario_page("ledger.html", title, entries, lead=words.ledger_lead(frames), back=back)
     text = pages.ledger_markdown(
-        frames["ledger"], frames["claims"], arithmetic=frames["arithmetic"], lead=words.ledger_lead(frames)
+        frames["ledger"],
+        frames["claims"],
+        arithmetic=frames["arithmetic"],
+        lead=words.ledger_lead(frames),
+        swept=frames.get("sweep_claims"),
     )
     for name, content in (("index.html", index), ("ledger.html", ledger), ("ledger.md", text)):
         with whole_file(out / name) as sink:

@@ -112,6 +112,9 @@ def test_markdown_has_a_line_for_every_number_and_contradiction():
     assert "rectangle" not in text.split("## Claims")[0].replace("Table 1", "")
     assert "1 + 2 = 3" in text
     assert "1 + 1 = 2" not in text
+    assert "over the sweep" not in text
+    swept = pages.ledger_markdown(ledger, claims(), arithmetic=arithmetic, swept=claims(holds=1))
+    assert "holds 1/3" in swept.split("## Claims over the sweep")[1]
 
 
 def test_weights_figure_shows_the_printed_points():
