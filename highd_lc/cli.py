@@ -13,6 +13,7 @@ from rich.console import Console
 from highd_lc import engine
 from highd_lc.io import artefacts, synthetic
 from highd_lc.io import settings as settings_file
+from highd_lc.io.event_description import describe_event
 from highd_lc.reporting.terminal import lcm_table, matrix_table
 from highd_lc.reporting.terminal_scenarios import claims_table
 from highd_lc.stages import scenarios as scenario_stage
@@ -143,6 +144,15 @@ def report(
     finally:
         if open_:
             typer.launch(str((reports / "index.html").resolve()))
+
+
+@app.command()
+def show(
+    event_id: Annotated[str, typer.Argument(help="RR-VVVV-FFFFF: recording, ego, crossing frame")],
+    work: Work = DEFAULT_WORK,
+) -> None:
+    """Print one lane change: its roles, frames and reasons."""
+    console.print(describe_event(work, event_id), markup=False, highlight=False, soft_wrap=True)
 
 
 @app.command()
