@@ -33,11 +33,16 @@ def variants(settings: ScenarioSettings) -> dict[str, ScenarioOptions]:
 
 
 def combinations(settings: ScenarioSettings) -> Iterator[tuple[str, ScenarioOptions]]:
-    """Every combination of the sweep's values, with its name."""
-    keys = list(settings.sweep)
+    """Every combination of the sweep's values, named by what it changes; none is the default."""
     for values in itertools.product(*settings.sweep.values()):
-        change = dict(zip(keys, values, strict=True))
-        yield " ".join(f"{key}={value}" for key, value in change.items()), settings.with_options(change)
+        options = settings.with_options(dict(zip(settings.sweep, values, strict=True)))
+        yield name_of(options, settings.options), options
+
+
+def name_of(options: ScenarioOptions, default: ScenarioOptions) -> str:
+    """The options that differ from the default, as one word each."""
+    given, usual = options.model_dump(), default.model_dump()
+    return " ".join(f"{key}={value}" for key, value in given.items() if value != usual[key]) or DEFAULT
 
 
 def pair_omegas(settings: ScenarioSettings) -> tuple[float, ...]:

@@ -126,7 +126,9 @@ def claim_rows(book: Book) -> list[Row]:
         for form in names.FORMS
         for accounting in names.ACCOUNTINGS
     ]
-    return rows + (list(weight_rows(book)) if DEFAULT in book.variants("1") else [])
+    # A sweep knows benchmark and local optimum only.
+    weighed = {key[4] for key in book.cells if key[:2] == ("1", DEFAULT)} >= set(book.settings.omegas)
+    return rows + (list(weight_rows(book)) if weighed else [])
 
 
 def _claim_row(claim: Claim, scenario: str, *, form: str, accounting: str, book: Book) -> Row:

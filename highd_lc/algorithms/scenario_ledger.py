@@ -38,12 +38,7 @@ class Book:
         """Name of the default cell: of scenario 3 the one at its default speed of the AV."""
         if scenario == PRINTED_STATE:
             return variant_of(self.settings.scenario_3.default_av_speed)
-        if any(key[1] == DEFAULT for key in self.cells):
-            return DEFAULT
-        # A sweep has no name for the combination that happens to be the default.
-        options = self.settings.options.model_dump()
-        same = (key[1] for key, row in self.cells.items() if all(row.get(k) == v for k, v in options.items()))
-        return next(same, DEFAULT)
+        return DEFAULT
 
     def variants(self, scenario: str) -> list[str]:
         """Names of a scenario's variants, in their order."""
