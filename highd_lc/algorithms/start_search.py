@@ -175,11 +175,14 @@ def _descend(
 
 
 def _look(posed: StartProblem, pools: dict[Key, Pool], key: Key, best: Best, goal: Goal, free: bool) -> None:
-    """Try the best plan's shape at another delay: with the same duration, and with the same end."""
+    """Try the best plan's shape at another delay: with about the same duration, with the same end, and with
+    durations that change faster than the delay, as where a vehicle has to pass first.
+    """
     task, there = posed.task(key), pools[best.key]
     n = int(there.n[best.index])
     durations = set(possible_durations(task).tolist())
-    wanted = {n + k for k in (-1, 0, 1)} | {n + best.key[1] - key[1]}
+    earlier = best.key[1] - key[1]
+    wanted = {n - 1, n, n + 1} | {n + k * earlier for k in (1, 2, 3, 4)}
     rows = [(m, 0, 0) for m in sorted(wanted & durations)]
     if rows:
         seed = there.chosen(np.array([best.index]))
