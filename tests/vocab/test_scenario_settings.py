@@ -52,3 +52,8 @@ def test_a_bad_option_is_named_where_it_stands(tmp_path, change, words):
     assert "other.toml" in message
     assert "\n" not in message
     assert all(word in message for word in words)
+
+
+def test_another_pipeline_is_refused_in_one_short_line():
+    with pytest.raises(SettingsError, match=r"demo\.toml: omegas: missing$"):
+        settings_file.load_model(settings_file.find_pipeline("demo"), ScenarioSettings)
