@@ -53,7 +53,7 @@ class Run:
         self.process = _context.Process(target=_main, args=(arguments, self._said, dies_at))
         self.process.start()
 
-    def end(self, timeout: float = 120.0) -> tuple[int, str]:
+    def end(self, timeout: float = 600.0) -> tuple[int, str]:
         """Wait for its end: exit code (negative: signal) and what it said."""
         self.process.join(timeout)
         if self.process.is_alive():

@@ -64,8 +64,9 @@ def test_a_folder_that_cannot_be_written_is_named(tmp_path: Path) -> None:
 
 
 def test_reports_that_cannot_be_written_are_named(undisturbed: Place, tmp_path: Path) -> None:
+    shutil.copytree(undisturbed.root, tmp_path / "run")
     with _mounted(tmp_path / "still", "ro") as still:
-        code, said = run(undisturbed, "--reports", str(still), "--workers", "1")
+        code, said = run(Place(tmp_path / "run"), "--reports", str(still), "--workers", "1")
     assert code == 2
     assert f"highd-lc: {still}" in said
     assert "Read-only file system" in said
