@@ -4,7 +4,7 @@ import hashlib
 import os
 import secrets
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 from dataclasses import dataclass
 from pathlib import Path
@@ -60,7 +60,9 @@ def replacing(path: Path, *, durable: bool = True) -> Iterator[BinaryIO]:
     except OSError as error:
         raise StorageError(f"{path}: cannot be written: {_reason(error)}") from error
     finally:
-        _remove(temporary)
+        # What stopped the writing is the error to be told, not that its remains cannot be removed either.
+        with suppress(OSError):
+            temporary.unlink(missing_ok=True)
 
 
 def write_bytes(path: Path, data: bytes, *, durable: bool = True) -> None:
@@ -77,7 +79,10 @@ def write_text(path: Path, text: str) -> None:
 def remove_stale(folder: Path) -> None:
     """Remove what processes that were killed left unfinished anywhere below a folder that nobody else uses."""
     for path in folder.rglob(f".*{_SUFFIX}"):
-        _remove(path)
+        try:
+            path.unlink(missing_ok=True)
+        except OSError as error:
+            raise StorageError(f"{path}: cannot be removed: {_reason(error)}") from error
 
 
 def content_hash(path: Path) -> str:
@@ -105,13 +110,6 @@ def _sync_folder(folder: Path) -> None:
         os.fsync(handle)
     finally:
         os.close(handle)
-
-
-def _remove(path: Path) -> None:
-    try:
-        path.unlink(missing_ok=True)
-    except OSError as error:
-        raise StorageError(f"{path}: cannot be removed: {_reason(error)}") from error
 
 
 def _reason(error: OSError) -> str:
