@@ -31,7 +31,7 @@ class Path:
 class Play:
     """One way in which the event runs: a policy under the accountings that led to the same plan.
 
-    T: end of the manoeuvre [s], NaN where there is none; delay_s: its start [s]; gap: where it leads. ego,
+    T: end of the manoeuvre [s], NaN where there is none; delay_s: its start [s]. ego,
     followers (nearest first): their motions; jerk: the |jx| + |jy| charged to the ego [m/s^3], shape (N + 1,).
     measured: whether these are recorded data.
     """
@@ -44,7 +44,6 @@ class Play:
     followers: tuple[Path, ...]
     measured: bool = False
     delay_s: float = 0.0
-    gap: str = names.RECORDED_GAP
 
 
 @dataclass(frozen=True)

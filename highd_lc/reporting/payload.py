@@ -125,7 +125,6 @@ def _play(play: Play, report: EventReport, step: float) -> dict[str, Any]:
         "accountings": list(play.accountings),
         "T": round(play.T, 2) if np.isfinite(play.T) else None,
         "start": round(play.delay_s, 2),
-        "gap": labels.gap(play.gap),
         **_packed(channels, step if play.measured else FINE_STEP),
     }
 

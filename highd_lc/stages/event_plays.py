@@ -43,7 +43,7 @@ def policy_plays(problem: PlanningProblem, plans: Iterable[Row]) -> Iterator[Pla
         else:
             av, followers = _replayed(problem, policy, *shape)
         play = _play(problem, policy, tuple(accountings), av=av, followers=followers)
-        yield replace(play, delay_s=delay_s, gap=gap)
+        yield replace(play, delay_s=delay_s)
 
 
 def _delayed(posed: StartProblem, key: Key, v_start: float, T: float, x_final: float, v_end: float) -> Driven:
