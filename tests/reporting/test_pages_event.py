@@ -7,7 +7,8 @@ import pytest
 from sample_event import EVENT_ID, infeasible_event, sample_event
 
 from highd_lc.reporting.event import gain
-from highd_lc.reporting.pages_event import LOSS_COLUMNS, Links, event_page
+from highd_lc.reporting.event_rows import LOSS_COLUMNS
+from highd_lc.reporting.pages_event import Links, event_page
 from highd_lc.vocab import names
 
 _LIMIT = 250_000

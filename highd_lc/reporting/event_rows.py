@@ -1,0 +1,223 @@
+"""Rows of the tables on an event's page: rows of artefacts in, cells and words out."""
+
+from collections.abc import Iterable
+from typing import Any, Final
+
+from highd_lc.reporting import html, labels
+from highd_lc.reporting.event import PAIRS, EventReport, Row
+from highd_lc.vocab import names
+from highd_lc.vocab.lcm_parameters import PARAMETERS
+
+LOSS_COLUMNS: Final = (
+    "av_comfort",
+    "av_efficiency",
+    "loss_av",
+    "hv_comfort",
+    "hv_efficiency",
+    "loss_hv",
+    "loss_total",
+)
+_BARS: Final = (
+    ("av-comfort", "av_comfort"),
+    ("av-efficiency", "av_efficiency"),
+    ("hv-comfort", "hv_comfort"),
+    ("hv-efficiency", "hv_efficiency"),
+)
+_PLAN_CELLS: Final = (("T", 1), ("x_final", 1), ("v_end", 2), ("min_clearance_m", 2))
+_SAFETY_CELLS: Final = (
+    ("min_gap_m", 2),
+    ("min_time_headway_s", 2),
+    ("min_ttc_s", 2),
+    ("max_drac", 2),
+    ("peak_follower_decel", 2),
+)
+_TRACKING_CELLS: Final = (
+    ("rmse_lateral_m", 4),
+    ("max_lateral_m", 4),
+    ("rmse_longitudinal_m", 4),
+    ("rmse_heading_rad", 5),
+    ("max_slack", 4),
+    ("qp_failures", 0),
+    ("loss_av_planned", 3),
+    ("loss_av_tracked", 3),
+)
+
+
+def per_accounting(rows: Iterable[Row], make: Any) -> dict[str, Any]:
+    """What ``make`` makes of each accounting that the rows have."""
+    present = {row["accounting"] for row in rows}
+    return {accounting: make(accounting) for accounting in names.ACCOUNTINGS if accounting in present}
+
+
+def loss_rows(report: EventReport, accounting: str) -> list[dict[str, Any]]:
+    """The table of losses under an accounting: cells, bars, and each follower's loss."""
+    rows = [row for row in _ordered(report.losses) if row["accounting"] == accounting]
+    known = [_halves(row) for row in rows if not html.is_missing(row["loss_total"])]
+    longest = max((sum(halves) for halves in known), default=0.0)
+    return [_loss_row(report, row, longest) for row in rows]
+
+
+def _halves(row: Row) -> list[float]:
+    return [0.0 if html.is_missing(row[name]) else 0.5 * float(row[name]) for _, name in _BARS]
+
+
+def _loss_row(report: EventReport, row: Row, longest: float) -> dict[str, Any]:
+    missing = html.is_missing(row["loss_total"])
+    plan = report.plan(row["policy"], row["accounting"])
+    each = [] if row["loss_hv_each"] is None else list(row["loss_hv_each"])
+    padded = each + [None] * (report.n_followers - len(each))
+    bars = (
+        []
+        if missing or not longest
+        else [(kind, round(100 * half / longest, 2)) for (kind, _), half in zip(_BARS, _halves(row), strict=True)]
+    )
+    return {
+        "policy": row["policy"],
+        "label": labels.POLICIES[row["policy"]].label,
+        "status": labels.STATUSES[plan["status"]] if plan else "",
+        "cells": [row[name] for name in LOSS_COLUMNS],
+        "each": padded,
+        "bars": bars,
+    }
+
+
+def weights(report: EventReport) -> list[float]:
+    """Weights of the followers (equation 17), nearest first; None where no loss has them."""
+    weights = next((row["follower_weights"] for row in report.losses if _length(row["follower_weights"])), None)
+    return [None] * report.n_followers if weights is None else list(weights)
+
+
+def _length(value: Any) -> int:
+    return 0 if value is None else len(value)
+
+
+def model_error(report: EventReport) -> dict[str, Any] | None:
+    """Recorded against simulated followers of the human, beside what the local optimum changes."""
+    human = report.loss(names.HUMAN)
+    if human is None or html.is_missing(human["loss_hv_recorded"]) or not human["recorded_n_samples"]:
+        return None
+    local, benchmark = report.loss(names.LOCAL_OPTIMUM), report.loss(names.BENCHMARK)
+    effect = None if local is None or benchmark is None else local["loss_hv"] - benchmark["loss_hv"]
+    return {
+        "n": human["recorded_n_samples"],
+        "recorded": human["loss_hv_recorded"],
+        "simulated": human["loss_hv_simulated"],
+        "difference": human["loss_hv_simulated"] - human["loss_hv_recorded"],
+        "effect": effect,
+    }
+
+
+def plan_rows(report: EventReport, accounting: str) -> list[dict[str, Any]]:
+    """The tables of plans and of safety under an accounting."""
+    rows = [row for row in _ordered(report.plans) if row["accounting"] == accounting]
+    return [_plan_row(row, report.loss(row["policy"], accounting) or {}) for row in rows]
+
+
+def _plan_row(row: Row, loss: Row) -> dict[str, Any]:
+    return {
+        "policy": row["policy"],
+        "label": labels.POLICIES[row["policy"]].label,
+        "status": labels.STATUSES[row["status"]],
+        "infeasible": is_infeasible(row),
+        "cells": [(row[name], digits) for name, digits in _PLAN_CELLS],
+        "safety": [(loss.get(name), digits) for name, digits in _SAFETY_CELLS],
+        "remarks": "; ".join(_remarks(row)),
+    }
+
+
+def _remarks(row: Row) -> list[str]:
+    remarks = []
+    if row["policy"] in names.START_POLICIES + names.FREE_START_POLICIES and not is_infeasible(row):
+        remarks.append(f"starts after {html.number(row['delay_s'], 1)} s, {labels.gap(row['gap'])}")
+    if _length(row["violations"]):
+        remarks.append("violates " + ", ".join(constraint(name) for name in row["violations"]))
+    if _length(row["at_bound"]):
+        remarks.append("on a bound of the search: " + ", ".join(row["at_bound"]))
+    if row["contact_after_T"] is True:
+        remarks.append("contact after T")
+    return remarks
+
+
+def margins(report: EventReport, accounting: str) -> dict[str, Any]:
+    """The table of margins under an accounting: policies, forms, and a row a constraint."""
+    rows = [row for row in _ordered(report.plans) if row["accounting"] == accounting]
+    with_margins = [row for row in rows if _length(row["margins"])]
+    counted = {form: row for form, (local, _) in PAIRS.items() for row in rows if row["policy"] == local}
+    rejected = [dict(row["rejected_by"] or {}) for row in counted.values()]
+    found = sorted({name for row in with_margins for name in row["margins"]} | {n for r in rejected for n in r})
+    return {
+        "policies": [labels.short_policy(row["policy"]) for row in with_margins],
+        "forms": [labels.FORMS[form].lower() for form in counted],
+        "rows": [
+            {
+                "name": constraint(name),
+                "unit": _unit(name),
+                "margins": [row["margins"].get(name) for row in with_margins],
+                "rejected": [counts.get(name) for counts in rejected],
+            }
+            for name in found
+        ],
+    }
+
+
+_CONSTRAINT_UNITS: Final = {"speed": "m/s", "acceleration": "m/s²", "jerk": "m/s³", "clearance": "m"}
+
+
+def _unit(name: str) -> str:
+    return _CONSTRAINT_UNITS.get(name.split("_")[0], "")
+
+
+def constraint(name: str) -> str:
+    """A constraint's name as a reader says it."""
+    return name.replace("_", " ")
+
+
+def sorted_counts(counts: Row | None) -> list[tuple[str, int]]:
+    """Constraints that rejected candidates, the strictest first."""
+    return sorted(((name, count) for name, count in (counts or {}).items() if count), key=lambda item: -item[1])
+
+
+def fit_row(row: Row, report: EventReport) -> dict[str, Any]:
+    """A follower's row in the table of fits."""
+    spread = dict(row["spread"] or {})
+    bounds = set(row["at_bound"]) if _length(row["at_bound"]) else set()
+    status = labels.FIT_STATUSES[row["status"]]
+    return {
+        "rank": row["follower"],
+        "status": f"{status} ({row['reason'].replace('_', ' ')})" if row["reason"] else status,
+        "samples": row["n_samples"],
+        "parameters": [(row[name], spread.get(name), name in bounds) for name in PARAMETERS],
+        "L_replay": row["L_replay"],
+        "objective": row["objective"],
+        "rmse_spacing": row["rmse_spacing_m"],
+        "rmse_speed": row["rmse_speed_mps"],
+        "drawn": row["follower"] in report.fit_traces,
+    }
+
+
+def tracking_row(row: Row) -> dict[str, Any]:
+    """A row of the table of tracking."""
+    return {
+        "policy": row["policy"],
+        "label": labels.POLICIES[row["policy"]].label,
+        "plant": row["plant"].replace("_", " "),
+        "status": row["status"],
+        "cells": [(row[name], digits) for name, digits in _TRACKING_CELLS],
+    }
+
+
+def is_infeasible(row: Row) -> bool:
+    """Whether a row of ``plans`` has no plan."""
+    return row["status"] in (names.INFEASIBLE, names.INFEASIBLE_AT_START)
+
+
+def _ordered(rows: Iterable[Row]) -> list[Row]:
+    return sorted(rows, key=lambda row: names.POLICIES.index(row["policy"]))
+
+
+def by_policy(rows: Iterable[Row]) -> dict[str, list[Row]]:
+    """Rows by policy, in the order of ``names.POLICIES``."""
+    groups: dict[str, list[Row]] = {}
+    for row in _ordered(rows):
+        groups.setdefault(row["policy"], []).append(row)
+    return groups
