@@ -5,6 +5,7 @@ result or raises its error. Local processes that die and cluster workers that va
 are carried out again.
 """
 
+import logging
 import multiprocessing
 import multiprocessing.connection
 import os
@@ -206,6 +207,9 @@ def _connected(address: str) -> "Client":
         from distributed import Client
     except ImportError as error:
         raise MissingExtraError("--scheduler needs Dask: install highd-lc[cluster]") from error
+    for name in ("distributed", "distributed.client", "distributed.utils"):
+        # What goes wrong is told in one line by the errors raised here, not by tracebacks beside them.
+        logging.getLogger(name).setLevel(logging.CRITICAL + 1)
     try:
         return Client(address, timeout=_CONNECT_SECONDS)
     except (OSError, ValueError) as error:
