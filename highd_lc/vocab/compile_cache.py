@@ -1,8 +1,8 @@
 """One cache of compiled kernels for one version of the code.
 
-numba decides by the time stamp of a single file whether a cached kernel is still good, but kernels inline functions of
-other files. After an upgrade that changed only those, stale machine code would run silently; so the cache folder is
-named by a hash of all kernel sources.
+numba decides by the time stamp of a single file whether a cached kernel is still good, but kernels inline
+functions of other files. After an upgrade that changed only those, stale machine code would run silently; so the
+cache folder is named by a hash of all kernel sources.
 """
 
 import hashlib
