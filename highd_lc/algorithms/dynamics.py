@@ -86,11 +86,16 @@ def margins(plan: Quintic, limit: Limits) -> dict[str, float]:
 
 
 def forward_interval(T: FloatArray, change: FloatArray, v0: float, limit: Limits) -> tuple[FloatArray, FloatArray]:
-    """Interval of delta [m] outside which a plan surely violates the jerk at its ends or the mean speed.
+    """Interval of delta [m] outside which a plan violates the jerk at its ends or the forward speed halfway.
 
-    T, change: broadcastable shapes. jx(0) = (60 alpha - 24 beta) / T, jx(1) = (60 alpha - 36 beta) / T.
+    T, change: broadcastable shapes. jx(0) = (60 alpha - 24 beta) / T, jx(1) = (60 alpha - 36 beta) / T,
+    xdot(1/2) = v0 + 1.875 delta / T - 0.4375 change.
     """
     beta, bound = change / T, limit.jerk * T
     low = (np.maximum(24.0 * beta, 36.0 * beta) - bound) * T**2 / 60.0
     high = (np.minimum(24.0 * beta, 36.0 * beta) + bound) * T**2 / 60.0
-    return np.maximum(low, (limit.v_min - v0) * T), np.minimum(high, (limit.v_max - v0) * T)
+    middle = 0.4375 * change - v0
+    return (
+        np.maximum(low, (limit.v_min + middle) * T / 1.875),
+        np.minimum(high, (limit.v_max + middle) * T / 1.875),
+    )
