@@ -78,9 +78,10 @@ class Panel:
 
 def dress(axes: Axes, panel: Panel) -> None:
     """Set title, labels, limits and ticks: everything but the content."""
-    axes.set_title(panel.title, loc="left", fontsize=FONT_SIZE + 0.5, color=INK, pad=3)
+    # The y axis is named in the title: beside the ticks its name would need room that depends on the ticks.
+    title = f"{panel.title}, {panel.y_label}" if panel.y_label else panel.title
+    axes.set_title(title, loc="left", fontsize=FONT_SIZE + 0.5, color=INK, pad=3)
     axes.set_xlabel(panel.x_label, fontsize=FONT_SIZE, color=QUIET, labelpad=1)
-    axes.set_ylabel(panel.y_label, fontsize=FONT_SIZE, color=QUIET, labelpad=2)
     span(axes, panel)
     axes.set_axisbelow(True)
     axes.tick_params(labelsize=FONT_SIZE, color=LINE, labelcolor=QUIET, length=2, pad=2)

@@ -25,7 +25,7 @@ _DPI: Final = 150
 _COLUMNS: Final = (0.0, 0.325, 0.635, 1.0)
 _ROWS: Final = (0.075, 0.385, 0.695, 0.95)
 # Margins inside a cell, as shares of the figure: left, right, bottom, top.
-_MARGINS: Final = (0.058, 0.018, 0.06, 0.032)
+_MARGINS: Final = (0.045, 0.018, 0.06, 0.032)
 _CELLS: Final = {
     "scene": (0, 3, 2),
     "lateral": (0, 1, 1),
@@ -147,7 +147,7 @@ def _encode(canvas: FigureCanvasAgg) -> bytes:
 def _inner(name: str) -> tuple[float, float, float, float]:
     left, right, row = _CELLS[name]
     before, after, below, above = _MARGINS
-    before += 0.105 if name == "loss" else 0.0
+    before += 0.1 if name == "loss" else 0.0
     x, y = _COLUMNS[left] + before, _ROWS[row] + below
     return x, y, _COLUMNS[right] - after - x, _ROWS[row + 1] - above - y
 

@@ -44,7 +44,7 @@ def matrix_figure(matrix: pd.DataFrame) -> Figure:
     axes.plot(100 * rows["gain_hv"], y, "x", color=QUIET, ms=6, mew=1.4, label="followers alone")
     axes.set_yticks(y, [_cell_label(row) for row in rows.itertuples(index=False)])
     _gain_axis(axes)
-    axes.legend(loc="upper left", bbox_to_anchor=(0, -0.32 if len(rows) < 4 else -0.2), ncols=2, **LEGEND)
+    figure.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=2, **LEGEND)
     return figure
 
 

@@ -151,7 +151,7 @@ def gain_map_figure(tiles: pd.DataFrame, spacing: FloatArray, difference: FloatA
     largest = _largest(tiles["gain"])
     values = _on_grid(tiles, x, y)
     mesh = axes.pcolormesh(x, y, values.T, cmap=_COLOUR_MAP, norm=TwoSlopeNorm(0.0, -largest, largest))
-    axes.plot(spacing[known], difference[known], ".", color="#000000", ms=3, alpha=0.35)
+    axes.plot(spacing[known], difference[known], "o", color="#000000", mec="#ffffff", mew=0.4, ms=3, alpha=0.7)
     colour_bar(figure, mesh, axes, "gain [%]")
     axes.set_xlabel("spacing of HV 1 behind the AV at the start [m]", color=QUIET, fontsize=SIZE)
     axes.set_ylabel("speed of HV 1 minus that of the AV [m/s]", color=QUIET, fontsize=SIZE)

@@ -10,24 +10,24 @@ import pandas as pd
 
 from highd_lc.reporting import html, labels
 from highd_lc.reporting.event import PAIRS
+from highd_lc.reporting.figures_population import ALL
 from highd_lc.vocab import names
 
-CELLS: Final = tuple(
-    (form, accounting) for form in PAIRS for accounting in (names.EQUAL, names.FOLLOWER_HORIZON, names.PAPER)
-)
+_ACCOUNTINGS: Final = (names.EQUAL, names.FOLLOWER_HORIZON, names.PAPER)
+CELLS: Final = tuple((form, accounting) for form in PAIRS for accounting in _ACCOUNTINGS)
 """Forms and accountings that the table may speak of, the primary one first."""
 _COLUMNS: Final = (
-    {"key": "event_id", "title": "Event", "kind": "event", "width": 10},
-    {"key": "recording_id", "title": "Recording", "kind": "number", "digits": 0, "width": 6.5},
-    {"key": "ego_class", "title": "Class", "kind": "text", "width": 5},
-    {"key": "direction", "title": "Direction", "kind": "text", "width": 6},
-    {"key": "duration_s", "title": "Duration", "unit": "s", "kind": "number", "digits": 1, "width": 7},
-    {"key": "followers", "title": "Followers", "kind": "number", "digits": 0, "width": 6.5},
-    {"key": "status", "title": "Status", "kind": "text", "width": 8},
-    {"key": "total_benchmark", "title": "Benchmark loss", "kind": "number", "digits": 2, "width": 9.5},
-    {"key": "total_local", "title": "Local loss", "kind": "number", "digits": 2, "width": 7},
-    {"key": "gain", "title": "Gain", "unit": "%", "kind": "gain", "width": 8.5},
-    {"key": "spark", "title": "HV 1 speed", "kind": "spark", "width": 8.5},
+    {"key": "event_id", "title": "Event", "kind": "event", "width": 9.5},
+    {"key": "recording_id", "title": "Recording", "kind": "number", "digits": 0, "width": 6.2},
+    {"key": "ego_class", "title": "Class", "kind": "text", "width": 4.5},
+    {"key": "direction", "title": "Direction", "kind": "text", "width": 5.5},
+    {"key": "duration_s", "title": "Duration", "unit": "s", "kind": "number", "digits": 1, "width": 5.5},
+    {"key": "followers", "title": "Followers", "kind": "number", "digits": 0, "width": 6},
+    {"key": "status", "title": "Status", "kind": "text", "width": 7},
+    {"key": "total_benchmark", "title": "Benchmark loss", "kind": "number", "digits": 2, "width": 6.8},
+    {"key": "total_local", "title": "Local loss", "kind": "number", "digits": 2, "width": 5},
+    {"key": "gain", "title": "Gain", "unit": "%", "kind": "gain", "width": 8},
+    {"key": "spark", "title": "HV 1 speed", "kind": "spark", "width": 8},
 )
 STATUSES: Final = tuple(labels.STATUSES)
 SPARK_SECONDS: Final = 15
@@ -36,12 +36,13 @@ _SPARK_STEP: Final = 0.2
 
 @dataclass(frozen=True)
 class IndexTables:
-    """Artefacts of a whole run: events, crossings, plans, losses, and event_pages with the sparklines."""
+    """Artefacts of a whole run: events, crossings, plans, losses, validation_matrix, and event_pages."""
 
     events: pd.DataFrame
     crossings: pd.DataFrame
     plans: pd.DataFrame
     losses: pd.DataFrame
+    matrix: pd.DataFrame
     pages: pd.DataFrame
 
 
@@ -59,6 +60,8 @@ def index_page(tables: IndexTables, *, raw: bool = False) -> str:
         "n_crossings": len(crossings),
         "n_excluded": int(excluded.sum()),
         "reasons": [(code, labels.REASONS[code], int(excluded.get(code, 0))) for code in names.REASONS],
+        "accountings": [labels.ACCOUNTING_NAMES[accounting] for accounting in _ACCOUNTINGS],
+        "matrix": _matrix(tables.matrix),
         "filters": _filters(events, tables.plans),
         "cells": [
             (_key(cell), f"{labels.FORMS[cell[0]]}, {labels.ACCOUNTING_NAMES[cell[1]].lower()}")
@@ -68,6 +71,18 @@ def index_page(tables: IndexTables, *, raw: bool = False) -> str:
         "payload": index_payload(tables, present),
     }
     return html.render("index.html", context)
+
+
+def _matrix(matrix: pd.DataFrame) -> list[tuple[str, list[str]]]:
+    """Gain and interval over all events by form (rows) and accounting (columns)."""
+    whole = {(row.form, row.accounting): row for row in matrix[matrix["stratum"] == ALL].itertuples(index=False)}
+    present = [form for form in PAIRS if (form, names.PRIMARY_ACCOUNTING) in whole]
+    return [(labels.FORMS[form], [_interval(whole[form, a]) for a in _ACCOUNTINGS]) for form in present]
+
+
+def _interval(row: Any) -> str:
+    low, high = (html.number(100 * bound, 2) for bound in (row.gain_low, row.gain_high))
+    return f"{html.percent(row.gain)} ({low} to {high})"
 
 
 def _key(cell: tuple[str, str]) -> str:

@@ -115,8 +115,12 @@ def _losses(report: EventReport) -> Panel:
         longest = max(longest, left)
     limits = (0.0, 10.0 * math.ceil(1.18 * longest / 10.0), -0.6, len(policies) - 0.4)
     title = f"Losses ({labels.ACCOUNTING_NAMES[names.PRIMARY_ACCOUNTING].lower()} accounting)"
-    short = tuple(labels.short_policy(q) for q in policies)
+    short = tuple(_shortest(q) for q in policies)
     return Panel(title, "loss (normalised, no unit)", "", limits, (), tuple(blocks), tuple(notes), short)
+
+
+def _shortest(policy: str) -> str:
+    return labels.short_policy(policy).replace("Local optimum,", "Local,").replace("Benchmark,", "Bench.,")
 
 
 def _scene(report: EventReport) -> Panel:
@@ -139,7 +143,7 @@ def _scene(report: EventReport) -> Panel:
     bottom, top = min([lower, *(y - half for y, half in sides)]), max([upper, *(y + half for y, half in sides)])
     limits = (low, high, math.floor(bottom) - 2.0, math.ceil(top) + 2.0)
     return Panel(
-        "Scene at the start, with the paths until T",
+        "Scene at the start with the paths until T",
         "x [m]",
         "y [m]",
         limits,

@@ -36,7 +36,7 @@ def overview_pages(work: Path, *, raw: bool) -> Iterator[tuple[str, str]]:
     studies = StudyTables(**{name: artefacts.read(work, name) for name in StudyTables.__dataclass_fields__})
     calibration = _calibration(work, raw=raw)
     plans = artefacts.read(work, "plans", columns=[*_KEY, "status"])
-    yield "index.html", index_page(IndexTables(events, crossings, plans, losses, pages), raw=raw)
+    yield "index.html", index_page(IndexTables(events, crossings, plans, losses, matrix, pages), raw=raw)
     yield (
         "summary.html",
         summary_page(

@@ -24,6 +24,7 @@ def sample_run(n: int = 60, *, seed: int = 4) -> IndexTables:
         crossings=_crossings(ids, n // 2),
         plans=_plans(ids),
         losses=_losses(ids, rng),
+        matrix=matrix(),
         pages=_pages(ids, rng),
     )
 

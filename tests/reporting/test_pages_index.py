@@ -51,7 +51,7 @@ def test_the_primary_cell_comes_first():
 def test_a_run_without_the_free_form_offers_only_the_fixed_one():
     run = sample_run()
     fixed = run.plans["policy"].isin(names.REFERENCE_POLICIES + names.FIXED_POLICIES)
-    run = type(run)(run.events, run.crossings, run.plans[fixed], run.losses[fixed], run.pages)
+    run = type(run)(run.events, run.crossings, run.plans[fixed], run.losses[fixed], run.matrix, run.pages)
     assert {cell.split("/")[0] for cell in payload_of(index_page(run))["cells"]} == {names.FIXED}
 
 
@@ -79,10 +79,18 @@ def test_sparklines_are_relative_to_the_benchmark_start():
         np.testing.assert_allclose(back, speeds, atol=0.1001)
 
 
+def test_the_matrix_stands_above_the_events():
+    run = sample_run()
+    row = run.matrix.query("stratum == 'all' and form == 'fixed' and accounting == 'equal'").iloc[0]
+    cell = f"{100 * row['gain']:.2f} % ({100 * row['gain_low']:.2f} to {100 * row['gain_high']:.2f})"
+    first = index_page(run).split("Fixed end speed</th>")[1]
+    assert first.startswith(f'<td class="n">{cell}</td>')
+
+
 def test_hostile_ids_stay_text():
     run = sample_run(3)
     events = run.events.assign(ego_class="</script><img src=x>")
-    page = index_page(type(run)(events, run.crossings, run.plans, run.losses, run.pages))
+    page = index_page(type(run)(events, run.crossings, run.plans, run.losses, run.matrix, run.pages))
     assert "<img" not in page
 
 

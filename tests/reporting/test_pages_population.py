@@ -184,7 +184,9 @@ def test_a_run_without_any_event_still_has_its_pages():
     nobody = {name: getattr(full, name).iloc[:0] for name in StudyTables.__dataclass_fields__}
     assert "0 events have somebody who loses" in studies_page(studies(**nobody))
     assert "0 of them usable" in data_page(recordings(), crossings, empty.events)
-    index = IndexTables(empty.events, crossings, run.plans.iloc[:0], run.losses.iloc[:0], empty.pages)
+    index = IndexTables(
+        empty.events, crossings, run.plans.iloc[:0], run.losses.iloc[:0], empty.matrix, empty.pages
+    )
     assert "0 events" in index_page(index)
 
 
