@@ -54,7 +54,7 @@ def strata_figure(matrix: pd.DataFrame, *, form: str, accounting: str) -> Figure
     figure, axes = _single(7.6, 0.9 + 0.27 * max(len(rows), 1))
     y = np.arange(len(rows))
     _interval(axes, y, rows, [CELL_COLOURS[form]] * len(rows))
-    texts = [f"{row.stratum.replace('_', ' ')}  (n = {row.n_events})" for row in rows.itertuples(index=False)]
+    texts = [f"{labels.stratum(row.stratum)}  (n = {row.n_events})" for row in rows.itertuples(index=False)]
     axes.set_yticks(y, texts)
     _gain_axis(axes)
     return figure

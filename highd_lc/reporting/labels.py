@@ -119,6 +119,15 @@ FOLLOWER_MODELS: Final = {LCM: "as planned (LCM)", IDM: "IDM", LCM_DRAWN: "drawn
 """Who the followers are when plans are scored."""
 
 
+_STRATUM_UNITS: Final = {"spacing": "m", "closing": "m/s", "speed": "m/s"}
+
+
+def stratum(name: str) -> str:
+    """A stratum as a reader says it: ``spacing=15 to 30`` is "spacing: 15 to 30 m"."""
+    kind, _, value = name.partition("=")
+    return f"{kind.replace('_', ' ')}: {value} {_STRATUM_UNITS.get(kind, '')}".rstrip() if value else name
+
+
 def short_policy(name: str) -> str:
     """A policy's label where room is short."""
     label = POLICIES[name].label

@@ -70,10 +70,10 @@ def _infeasible_notice(policy: str, rows: list[Row]) -> str:
     if all(row["status"] == names.INFEASIBLE_AT_START for row in rows):
         return f"{label}: vehicles overlap already at the start, so there is no plan (accounting: {where})."
     rejected = event_rows.sorted_counts(rows[0]["rejected_by"])
-    why = ", ".join(f"{event_rows.constraint(name)} rejects {count}" for name, count in rejected)
+    why = ", ".join(f"{event_rows.constraint(name)} {count}" for name, count in rejected)
     return (
         f"{label}: none of {rows[0]['candidates']} candidates meets all constraints (accounting: {where})"
-        f"{'. ' + why if why else ''}. The table of margins below tells how close they came."
+        f"{'. Rejected by: ' + why if why else ''}. The table of margins below tells how close they came."
     )
 
 

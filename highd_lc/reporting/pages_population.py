@@ -4,6 +4,7 @@ from collections.abc import Iterator
 from typing import Final
 
 import pandas as pd
+from markupsafe import Markup
 
 from highd_lc.reporting import figures_population as figures
 from highd_lc.reporting import html, labels
@@ -84,7 +85,8 @@ def _matrix_words(whole: pd.DataFrame) -> str:
 def _matrix_sections(matrix: pd.DataFrame) -> Iterator[Section]:
     yield matrix_section(matrix)
     strata = matrix[matrix["stratum"] != ALL]
-    columns = (Column("stratum", "Stratum"), *_MATRIX_COLUMNS[2:])
+    strata = strata.assign(stratum_label=strata["stratum"].map(labels.stratum))
+    columns = (Column("stratum_label", "Stratum"), *_MATRIX_COLUMNS[2:])
     for (form, accounting), rows in strata.groupby(["form", "accounting"], sort=False):
         figure = figures.strata_figure(strata, form=form, accounting=accounting)
         title = f"{labels.FORMS[form]}, {labels.ACCOUNTING_NAMES[accounting].lower()}"
@@ -92,7 +94,7 @@ def _matrix_sections(matrix: pd.DataFrame) -> Iterator[Section]:
         yield Section(
             title,
             figure=html.inline_svg(figure, alternative),
-            tables=(table_view(rows, columns),),
+            folded=(table_view(rows, columns, "All numbers"),),
             anchor=f"{form}-{accounting}",
         )
 
@@ -102,6 +104,7 @@ def dictionary_page() -> str:
     lead = (
         "Every table is a parquet file below the work folder; its schema is checked when it is written and read. "
         "Unavailable values are null, never 0.",
+        Markup(", ").join(Markup('<a href="#{0}">{0}</a>').format(name) for name in TABLES),
     )
     return overview_page("dictionary.html", "Data dictionary", map(_dictionary_section, TABLES.values()), lead)
 

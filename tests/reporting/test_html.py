@@ -60,6 +60,12 @@ def test_every_word_has_a_label():
     assert set(labels.ACCOUNTINGS) == set(labels.ACCOUNTING_NAMES) == set(names.ACCOUNTINGS)
 
 
+def test_strata_are_said_with_their_units():
+    assert labels.stratum("spacing=15 to 30") == "spacing: 15 to 30 m"
+    assert labels.stratum("class=Car") == "class: Car"
+    assert labels.stratum("all") == "all"
+
+
 def test_policies_differ_in_colour_on_both_grounds():
     looks = labels.POLICIES.values()
     assert len({look.light for look in looks}) == len(labels.POLICIES)

@@ -64,7 +64,7 @@ def test_an_infeasible_event_says_why():
     report = infeasible_event()
     text = text_of(event_page(report, Links()))
     assert "none of 3888 candidates meets all constraints" in text
-    assert "jerk y rejects 1200, clearance target leader rejects 34" in text
+    assert "Rejected by: jerk y 1200, clearance target leader 34." in text
     assert "−0.75" in text
     assert np.isnan(report.gain())
 
