@@ -10,7 +10,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from highd_lc.algorithms.packing import PackedScene
-from highd_lc.core.ellipse import ellipses_overlap
+from highd_lc.core.ellipse import ellipses_touch
 from highd_lc.core.lcm import lcm_acceleration
 from highd_lc.core.quintic import q_rate, z_rate, z_shape
 from highd_lc.vocab.lcm_parameters import TABLE3_MEANS
@@ -24,6 +24,10 @@ NO_CONTACT = 1_000_000
 """Sample of the first contact of a candidate that has none."""
 
 _OTHERS = TABLE3_MEANS.as_array()
+_STEP = 4.0
+"""More than two vehicles come nearer in a sample [m]."""
+
+Place = tuple[float, float, float, float]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -64,26 +68,38 @@ def _near_pair(k: int, shift: float, limit: float, av_front: FloatArray, front: 
     return near
 
 
+@njit(inline="always")
+def _course(vx: float, vy: float) -> tuple[float, float]:
+    """Cosine and sine of the AV's heading."""
+    if vy == 0.0:
+        return 1.0, 0.0
+    speed = np.hypot(vx, vy)
+    return vx / speed, vy / speed
+
+
 @njit(cache=True, nogil=True, error_model="numpy")
 def _record(
     k: int,
     w: int,
     who: int,
-    dx: float,
-    dy: float,
-    vx: float,
-    vy: float,
+    before: Place,
+    now: Place,
     a2: float,
     b2: float,
     scene: PackedScene,
     contact: IntArray,
     role: IntArray,
 ) -> None:
-    """Record a candidate's contact at sample k if its ellipse, turned into its course, overlaps the other's."""
-    speed = np.hypot(vx, vy)
-    cos, sin = (vx / speed, vy / speed) if vy != 0.0 else (1.0, 0.0)
+    """Record a candidate's contact on the way to sample k, if its ellipse, turned into its course, meets another.
+
+    before, now: position of the other from the planned point, and the AV's speed, at the samples k - 1 and k.
+    """
     r = scene.rear_to_centre
-    if ellipses_overlap(dx + r * (1.0 - cos), dy - r * sin, cos, sin, scene.a, scene.b, a2, b2):
+    cos, sin = _course(before[2], before[3])
+    x0, y0 = before[0] + r * (1.0 - cos), before[1] - r * sin
+    cos, sin = _course(now[2], now[3])
+    x1, y1 = now[0] + r * (1.0 - cos), now[1] - r * sin
+    if ellipses_touch(x0, y0, x1, y1, cos, sin, scene.a, scene.b, a2, b2):
         contact[w], role[w] = k, who
 
 
@@ -103,18 +119,21 @@ def meet_leaders(
     half = scene.length / 2.0
     for i in range(len(scene.leader_a)):
         a2, b2 = scene.leader_a[i], scene.leader_b[i]
-        limit = scene.a + a2 + scene.rear_to_centre
+        limit = scene.a + a2 + scene.rear_to_centre + _STEP
         for k in range(len(y)):
-            dy = scene.leader_y[i, k] - y[k]
-            if abs(dy) >= reach[k] + b2:
+            j = max(k - 1, 0)
+            dy0, dy = scene.leader_y[i, j] - y[j], scene.leader_y[i, k] - y[k]
+            if min(abs(dy0), abs(dy)) >= max(reach[j], reach[k]) + b2:
                 continue
-            shift = scene.leader_x[i, k] + half
+            shift0, shift = scene.leader_x[i, j] + half, scene.leader_x[i, k] + half
             if _near(k, shift, limit, av_front) == 0:
                 continue
             for w in range(LANES):
                 dx = shift - av_front[k * LANES + w]
                 if k < contact[w] and abs(dx) < limit:
-                    _record(k, w, i, dx, dy, av_v[k * LANES + w], vy[k], a2, b2, scene, contact, role)
+                    before = (shift0 - av_front[j * LANES + w], dy0, av_v[j * LANES + w], vy[j])
+                    now = (dx, dy, av_v[k * LANES + w], vy[k])
+                    _record(k, w, i, before, now, a2, b2, scene, contact, role)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -134,18 +153,25 @@ def _meet_behind(
     contact: IntArray,
     role: IntArray,
 ) -> None:
-    """Contacts over the samples 0 .. last with a vehicle that reacts to each candidate. back: front to centre [m]."""
+    """Contacts until sample ``last`` with a vehicle that reacts to each candidate. back: front to centre [m]."""
     shift = scene.length / 2.0 - back
     a2, b2 = axes
-    limit = scene.a + a2 + scene.rear_to_centre
+    limit = scene.a + a2 + scene.rear_to_centre + _STEP
     for k in range(last + 1):
-        dy = other_y - y[k]
-        if abs(dy) >= reach[k] + b2 or _near_pair(k, shift, limit, av_front, front) == 0:
+        j = max(k - 1, 0)
+        dy0, dy = other_y - y[j], other_y - y[k]
+        if (
+            min(abs(dy0), abs(dy)) >= max(reach[j], reach[k]) + b2
+            or _near_pair(k, shift, limit, av_front, front) == 0
+        ):
             continue
         for w in range(LANES):
             dx = front[k * LANES + w] + shift - av_front[k * LANES + w]
             if k < contact[w] and abs(dx) < limit:
-                _record(k, w, who, dx, dy, av_v[k * LANES + w], vy[k], a2, b2, scene, contact, role)
+                dx0 = front[j * LANES + w] + shift - av_front[j * LANES + w]
+                before = (dx0, dy0, av_v[j * LANES + w], vy[j])
+                now = (dx, dy, av_v[k * LANES + w], vy[k])
+                _record(k, w, who, before, now, a2, b2, scene, contact, role)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

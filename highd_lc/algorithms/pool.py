@@ -72,13 +72,23 @@ class Pool:
         kept: NDArray[np.bool_] = (self.violation == 0) & (self.contact > last)
         return kept
 
+    def obstacle(self, accounting: str) -> IntArray:
+        """What stands in each candidate's way: -1 nothing, the role of the first contact, or -1 - violation."""
+        blocked = np.where(self.violation > 0, -1 - self.violation, self.role)
+        return np.where(self.feasible(accounting), -1, blocked)
+
+    def unconstrained(self, goal: Goal) -> FloatArray:
+        """Joint objective of each candidate, feasible or not."""
+        return joint_objective(*self.losses(goal.accounting), goal.omega_av)
+
     def objective(self, goal: Goal) -> FloatArray:
         """Joint objective of each candidate, infinite where infeasible."""
-        value = joint_objective(*self.losses(goal.accounting), goal.omega_av)
-        return np.where(self.feasible(goal.accounting), value, np.inf)
+        return np.where(self.feasible(goal.accounting), self.unconstrained(goal), np.inf)
 
     def best(self, goal: Goal) -> int | None:
         """Index of the best feasible candidate, the first of equals; None if there is none."""
+        if not len(self):
+            return None
         objective = self.objective(goal)
         index = int(np.argmin(objective))
         return index if np.isfinite(objective[index]) else None

@@ -11,16 +11,15 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from highd_lc.algorithms.basins import x_nodes
 from highd_lc.algorithms.dynamics import CONSTRAINTS, forward_interval, violations
 from highd_lc.algorithms.pool import Goal, Pool, Task
-from highd_lc.algorithms.refinement import possible_durations, refine, x_nodes
+from highd_lc.algorithms.refinement import possible_durations, refine
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 _NOMINAL_NODES: Final = 33
-_TIGHT: Final = 0.6
-_DENSER: Final = 8
 
 
 def search(task: Task, goals: list[Goal], *, known: Pool | None = None) -> Pool:
@@ -32,32 +31,23 @@ def search(task: Task, goals: list[Goal], *, known: Pool | None = None) -> Pool:
     n = possible_durations(task)
     if free and len(n):
         n = n[np.unique(np.linspace(0, len(n) - 1, min(task.settings.T_nodes_free, len(n))).astype(int))]
-    pool = grid(task, n, free=free)
-    if _tight(pool, goals):
-        pool = pool.joined(grid(task, n, free=free, denser=_DENSER))
-    pool = refine(task, pool, goals, free=free)
+    pool = refine(task, grid(task, n, free=free), goals, free=free)
     return pool if known is None else known.joined(pool)
 
 
-def _tight(pool: Pool, goals: list[Goal]) -> bool:
-    """Whether contacts leave so few plans that the slots between vehicles may fall between the nodes."""
-    shares = [pool.feasible(goal.accounting).mean() for goal in goals] if len(pool) else [1.0]
-    return bool(min(shares) < _TIGHT)
-
-
-def grid(task: Task, n: IntArray, *, free: bool, denser: int = 1) -> Pool:
-    """Plans of the durations n [samples] on the nodes of the settings, ``denser`` times as many over x_final."""
+def grid(task: Task, n: IntArray, *, free: bool) -> Pool:
+    """Plans of the durations n [samples] on the nodes of the settings."""
     T = task.seconds(n)[:, None, None]
     change = _changes(task, T, free)
     low, high = forward_interval(T, change, task.scene.v0, task.limit)
     # Dense about the smoothest motion, which is also a node: the jerk sum has a kink there.
-    nodes = denser * (x_nodes(task, free) - 1) + 1
+    nodes = x_nodes(task, free)
     s = np.linspace(-1.0, 1.0, nodes) + np.zeros((len(n), 1, 1))
     # Every other duration has its nodes in between: the objective changes little from one to the next.
     s[1::2] = np.where(s[1::2] == 0.0, 0.0, s[1::2] - np.sign(s[1::2]) / (nodes - 1))
     centre = np.clip(change * T / 2.0, low, np.maximum(high, low))
     delta = centre + np.where(s < 0.0, centre - low, np.maximum(high - centre, 0.0)) * s * abs(s)
-    shape = (len(n), -1)
+    shape = (len(n), delta[0].size if len(n) else 0)
     return task.simulate(n, delta.reshape(shape), np.broadcast_to(change, delta.shape).reshape(shape))
 
 
@@ -69,7 +59,9 @@ def _changes(task: Task, T: FloatArray, free: bool) -> FloatArray:
     low = np.maximum(task.limit.v_min - task.scene.v0, -widest)
     high = np.minimum(task.limit.v_max - task.scene.v0, widest)
     s = np.linspace(-1.0, 1.0, 2 * (task.settings.v_nodes // 2) + 1)[None, :, None]
-    return np.where(s < 0.0, -low, high) * s * abs(s)
+    # To end at the reference speed is a node of its own: |v - v_ref| has its kink there.
+    reference = np.clip(task.terms.av_ref - task.scene.v0, low, high)
+    return np.concatenate([np.where(s < 0.0, -low, high) * s * abs(s), reference], axis=1)
 
 
 def nominal_rejections(task: Task, *, free: bool) -> dict[str, int]:

@@ -19,7 +19,7 @@ from highd_lc.algorithms.dynamics import limits
 from highd_lc.algorithms.gaps import Gap, before, find_gaps
 from highd_lc.algorithms.planner import PlanningProblem
 from highd_lc.algorithms.pool import Goal, Pool, Task
-from highd_lc.algorithms.refinement import possible_durations, refine, zoom
+from highd_lc.algorithms.refinement import possible_durations, refine, zoom_rows
 from highd_lc.algorithms.search import grid
 from highd_lc.algorithms.waiting import Waiting, wait
 
@@ -186,7 +186,7 @@ def _look(posed: StartProblem, pools: dict[Key, Pool], key: Key, best: Best, goa
     rows = [(m, 0, 0) for m in sorted(wanted & durations)]
     if rows:
         seed = there.chosen(np.array([best.index]))
-        found = zoom(task, seed, [goal], rows, free=free)
+        found, _ = zoom_rows(task, seed, [goal], rows, free=free)
         found = found.chosen(np.arange(len(seed), len(found)))
         _add(pools, key, found)
 

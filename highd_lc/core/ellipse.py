@@ -17,46 +17,62 @@ _GOLDEN = 0.3819660112501051
 
 
 @njit(inline="always")
-def separation(
-    angle: float, dx: float, dy: float, heading: float, a1: float, b1: float, a2: float, b2: float
+def _separation(
+    angle: float,
+    x0: float,
+    y0: float,
+    x1: float,
+    y1: float,
+    heading: float,
+    a1: float,
+    b1: float,
+    a2: float,
+    b2: float,
 ) -> float:
-    """Separation [m] along the direction ``angle`` [rad] of ellipse 1 (semi-axes a1, b1 [m], turned by
-    ``heading`` [rad]) and ellipse 2 (a2, b2, not turned) whose centre lies at (dx, dy) [m] from that of 1.
-    """
     n_x, n_y = math.cos(angle), math.sin(angle)
     along, across = math.cos(angle - heading), math.sin(angle - heading)
-    return dx * n_x + dy * n_y - math.hypot(a1 * along, b1 * across) - math.hypot(a2 * n_x, b2 * n_y)
+    nearest = min(x0 * n_x + y0 * n_y, x1 * n_x + y1 * n_y)
+    return nearest - math.hypot(a1 * along, b1 * across) - math.hypot(a2 * n_x, b2 * n_y)
 
 
 @njit(cache=True, nogil=True)
-def ellipse_clearance(dx: float, dy: float, heading: float, a1: float, b1: float, a2: float, b2: float) -> float:
-    """Signed distance [m] between two ellipses: negative = overlap (see the module).
+def swept_clearance(
+    x0: float, y0: float, x1: float, y1: float, heading: float, a1: float, b1: float, a2: float, b2: float
+) -> float:
+    """Signed smallest distance [m] between two ellipses while one moves straight: negative = overlap.
 
-    (dx, dy): centre of ellipse 2 from that of 1 [m]; heading of ellipse 1 [rad], ellipse 2 is not turned;
-    a1, b1, a2, b2: semi-axes [m]. Directions around the circle first, then golden section about the best.
+    The centre of ellipse 2 moves from (x0, y0) to (x1, y1) from that of 1 [m]; heading of ellipse 1 [rad], ellipse
+    2 is not turned; a1, b1, a2, b2: semi-axes [m]. Directions around the circle first, then golden section about
+    the best.
     """
     step = 2.0 * math.pi / _DIRECTIONS
     best, best_angle = -math.inf, 0.0
     for i in range(_DIRECTIONS + 1):
         # The direction between the centres is the maximum for circles: always among the candidates.
-        angle = i * step if i < _DIRECTIONS else math.atan2(dy, dx)
-        value = separation(angle, dx, dy, heading, a1, b1, a2, b2)
+        angle = i * step if i < _DIRECTIONS else math.atan2(y1, x1)
+        value = _separation(angle, x0, y0, x1, y1, heading, a1, b1, a2, b2)
         if value > best:
             best, best_angle = value, angle
     left, right = best_angle - step, best_angle + step
     one, two = left + _GOLDEN * (right - left), right - _GOLDEN * (right - left)
-    at_one = separation(one, dx, dy, heading, a1, b1, a2, b2)
-    at_two = separation(two, dx, dy, heading, a1, b1, a2, b2)
+    at_one = _separation(one, x0, y0, x1, y1, heading, a1, b1, a2, b2)
+    at_two = _separation(two, x0, y0, x1, y1, heading, a1, b1, a2, b2)
     for _ in range(40):
         if at_one > at_two:
             right, two, at_two = two, one, at_one
             one = left + _GOLDEN * (right - left)
-            at_one = separation(one, dx, dy, heading, a1, b1, a2, b2)
+            at_one = _separation(one, x0, y0, x1, y1, heading, a1, b1, a2, b2)
         else:
             left, one, at_one = one, two, at_two
             two = right - _GOLDEN * (right - left)
-            at_two = separation(two, dx, dy, heading, a1, b1, a2, b2)
+            at_two = _separation(two, x0, y0, x1, y1, heading, a1, b1, a2, b2)
     return max(best, at_one, at_two)
+
+
+@njit(cache=True, nogil=True)
+def ellipse_clearance(dx: float, dy: float, heading: float, a1: float, b1: float, a2: float, b2: float) -> float:
+    """Signed distance [m] between two ellipses at rest: ``swept_clearance`` with (dx, dy) at both ends."""
+    return swept_clearance(dx, dy, dx, dy, heading, a1, b1, a2, b2)
 
 
 def semi_axes(length: float, width: float) -> tuple[float, float]:
@@ -68,20 +84,34 @@ def semi_axes(length: float, width: float) -> tuple[float, float]:
 def ellipses_overlap(
     dx: float, dy: float, cos: float, sin: float, a1: float, b1: float, a2: float, b2: float
 ) -> bool:
-    """Whether two ellipses overlap: ``ellipse_clearance`` < 0, decided cheaply where possible.
+    """Whether two ellipses at rest overlap: ``ellipses_touch`` with (dx, dy) at both ends."""
+    return ellipses_touch(dx, dy, dx, dy, cos, sin, a1, b1, a2, b2)
 
-    Arguments as there, the heading by its cosine and sine. A point inside both proves that they do; separation
-    along one direction proves that they do not: the direction tried is the normal of the ellipse with the summed
-    semi-axes.
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def ellipses_touch(
+    x0: float, y0: float, x1: float, y1: float, cos: float, sin: float, a1: float, b1: float, a2: float, b2: float
+) -> bool:
+    """Whether ``swept_clearance`` < 0, decided cheaply where possible: arguments as there, cos and sin of heading.
+
+    A point inside both ellipses at the end proves that they touch; separation along one direction proves that
+    they do not: the direction tried is the normal of the ellipse with the summed semi-axes at the path's nearest
+    point.
     """
-    p_x, p_y = dx * a1 / (a1 + a2), dy * b1 / (b1 + b2)
+    p_x, p_y = x1 * a1 / (a1 + a2), y1 * b1 / (b1 + b2)
     inside_1 = ((p_x * cos + p_y * sin) / a1) ** 2 + ((p_y * cos - p_x * sin) / b1) ** 2 < 1.0
-    if inside_1 and ((dx - p_x) / a2) ** 2 + ((dy - p_y) / b2) ** 2 < 1.0:
+    if inside_1 and ((x1 - p_x) / a2) ** 2 + ((y1 - p_y) / b2) ** 2 < 1.0:
         return True
-    n_x, n_y = dx / ((a1 + a2) * (a1 + a2)), dy / ((b1 + b2) * (b1 + b2))
+    a, b = 1.0 / (a1 + a2) ** 2, 1.0 / (b1 + b2) ** 2
+    way_x, way_y = x1 - x0, y1 - y0
+    way = a * way_x * way_x + b * way_y * way_y
+    done = min(1.0, max(0.0, -(a * x0 * way_x + b * y0 * way_y) / way)) if way > 0.0 else 0.0
+    n_x, n_y = a * (x0 + done * way_x), b * (y0 + done * way_y)
     norm = math.hypot(n_x, n_y)
-    n_x, n_y = n_x / norm, n_y / norm
-    along, across = n_x * cos + n_y * sin, n_y * cos - n_x * sin
-    if dx * n_x + dy * n_y >= math.hypot(a1 * along, b1 * across) + math.hypot(a2 * n_x, b2 * n_y):
-        return False
-    return ellipse_clearance(dx, dy, math.atan2(sin, cos), a1, b1, a2, b2) < 0.0
+    if norm > 0.0:
+        n_x, n_y = n_x / norm, n_y / norm
+        along, across = n_x * cos + n_y * sin, n_y * cos - n_x * sin
+        nearest = min(x0 * n_x + y0 * n_y, x1 * n_x + y1 * n_y)
+        if nearest >= math.hypot(a1 * along, b1 * across) + math.hypot(a2 * n_x, b2 * n_y):
+            return False
+    return swept_clearance(x0, y0, x1, y1, math.atan2(sin, cos), a1, b1, a2, b2) < 0.0

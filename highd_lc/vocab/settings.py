@@ -177,9 +177,9 @@ class PlannerSettings(Section):
     x_nodes: Annotated[int, Field(ge=5, le=1000, description="grid nodes over x_final at each T")] = 32
     v_nodes: Annotated[int, Field(ge=3, le=1000, description="grid nodes over v_end (free form)")] = 12
     T_nodes_free: Annotated[int, Field(ge=5, le=1000, description="durations on the free form's first grid")] = 27
-    zoom_starts: Annotated[int, Field(ge=1, le=100, description="durations that are refined for each goal")] = 4
-    zoom_levels: Annotated[int, Field(ge=2, le=20, description="refinements of x_final (fixed form)")] = 3
-    zoom_levels_free: Annotated[int, Field(ge=2, le=20, description="refinements of x_final and v_end")] = 5
+    zoom_starts: Annotated[int, Field(ge=1, le=100, description="basins that are refined for each goal")] = 4
+    zoom_levels: Annotated[int, Field(ge=2, le=20, description="refinements of x_final (fixed form)")] = 2
+    zoom_levels_free: Annotated[int, Field(ge=2, le=20, description="refinements of x_final and v_end")] = 8
     free_form: Annotated[bool, Field(description="plan with a free end speed as well")] = True
     start: Annotated[
         Literal["none", "sample", "all"],
