@@ -13,6 +13,7 @@ import math
 from numba import njit
 
 _DIRECTIONS = 24
+_STEP = 2.0 * math.pi / _DIRECTIONS
 _GOLDEN = 0.3819660112501051
 
 
@@ -36,24 +37,20 @@ def _separation(
 
 
 @njit(cache=True, nogil=True)
-def swept_clearance(
-    x0: float, y0: float, x1: float, y1: float, heading: float, a1: float, b1: float, a2: float, b2: float
+def _best_about(
+    angle: float,
+    x0: float,
+    y0: float,
+    x1: float,
+    y1: float,
+    heading: float,
+    a1: float,
+    b1: float,
+    a2: float,
+    b2: float,
 ) -> float:
-    """Signed smallest distance [m] between two ellipses while one moves straight: negative = overlap.
-
-    The centre of ellipse 2 moves from (x0, y0) to (x1, y1) from that of 1 [m]; heading of ellipse 1 [rad], ellipse
-    2 is not turned; a1, b1, a2, b2: semi-axes [m]. Directions around the circle first, then golden section about
-    the best.
-    """
-    step = 2.0 * math.pi / _DIRECTIONS
-    best, best_angle = -math.inf, 0.0
-    for i in range(_DIRECTIONS + 1):
-        # The direction between the centres is the maximum for circles: always among the candidates.
-        angle = i * step if i < _DIRECTIONS else math.atan2(y1, x1)
-        value = _separation(angle, x0, y0, x1, y1, heading, a1, b1, a2, b2)
-        if value > best:
-            best, best_angle = value, angle
-    left, right = best_angle - step, best_angle + step
+    """Largest separation within a step about a direction, by golden section."""
+    left, right = angle - _STEP, angle + _STEP
     one, two = left + _GOLDEN * (right - left), right - _GOLDEN * (right - left)
     at_one = _separation(one, x0, y0, x1, y1, heading, a1, b1, a2, b2)
     at_two = _separation(two, x0, y0, x1, y1, heading, a1, b1, a2, b2)
@@ -66,12 +63,45 @@ def swept_clearance(
             left, one, at_one = one, two, at_two
             two = right - _GOLDEN * (right - left)
             at_two = _separation(two, x0, y0, x1, y1, heading, a1, b1, a2, b2)
-    return max(best, at_one, at_two)
+    return max(at_one, at_two)
+
+
+@njit(cache=True, nogil=True)
+def swept_clearance(
+    x0: float, y0: float, x1: float, y1: float, heading: float, a1: float, b1: float, a2: float, b2: float
+) -> float:
+    """Smallest distance [m] between two ellipses while one moves straight: negative = overlap.
+
+    The centre of ellipse 2 moves from (x0, y0) to (x1, y1) from that of 1 [m]; heading of ellipse 1 [rad], ellipse
+    2 is not turned; a1, b1, a2, b2: semi-axes [m]. Directions around the circle first, then golden section: about
+    the best one if it separates, else about every one that is better than its neighbours.
+    """
+    # The direction between the centres is the best for circles: always among those tried.
+    towards = math.atan2(y1, x1)
+    best, best_angle = _separation(towards, x0, y0, x1, y1, heading, a1, b1, a2, b2), towards
+    for i in range(_DIRECTIONS):
+        value = _separation(i * _STEP, x0, y0, x1, y1, heading, a1, b1, a2, b2)
+        if value > best:
+            best, best_angle = value, i * _STEP
+    best = max(best, _best_about(best_angle, x0, y0, x1, y1, heading, a1, b1, a2, b2))
+    if best > 0.0:
+        return best
+    before = _separation(-_STEP, x0, y0, x1, y1, heading, a1, b1, a2, b2)
+    here = _separation(0.0, x0, y0, x1, y1, heading, a1, b1, a2, b2)
+    for i in range(_DIRECTIONS):
+        after = _separation((i + 1) * _STEP, x0, y0, x1, y1, heading, a1, b1, a2, b2)
+        if here >= before and here >= after:
+            best = max(best, _best_about(i * _STEP, x0, y0, x1, y1, heading, a1, b1, a2, b2))
+        before, here = here, after
+    return best
 
 
 @njit(cache=True, nogil=True)
 def ellipse_clearance(dx: float, dy: float, heading: float, a1: float, b1: float, a2: float, b2: float) -> float:
-    """Signed distance [m] between two ellipses at rest: ``swept_clearance`` with (dx, dy) at both ends."""
+    """Signed distance [m] between two ellipses at rest: ``swept_clearance`` with (dx, dy) at both ends.
+
+    Where they overlap it is minus the depth: how far one has to be moved until they touch.
+    """
     return swept_clearance(dx, dy, dx, dy, heading, a1, b1, a2, b2)
 
 
