@@ -56,8 +56,8 @@ class Entry:
 class Replay:
     """What happens: the AV's motion, the followers' x (box centre) [m], v [m/s] and commanded a [m/s^2] of shape
     (p, N + 1), and for each obstacle (order of ``packing.obstacle_roles``) the smallest clearance [m] over
-    0 .. T, and over the samples after T; infinite where an obstacle does not count. entry: None = into the recorded
-    gap at t_start.
+    0 .. T, and over the samples after T; infinite where an obstacle does not count. entry: None = into the
+    recorded gap at t_start.
     """
 
     av: AvMotion

@@ -185,9 +185,7 @@ class PlannerSettings(Section):
         Literal["none", "sample", "all"],
         Field(description="events whose start and gap are chosen as well (studies.start_sample)"),
     ] = "sample"
-    max_delay_s: Annotated[
-        float, Field(ge=0, le=30, description="longest wait before the manoeuvre [s]")
-    ] = 5.0
+    max_delay_s: Annotated[float, Field(ge=0, le=30, description="longest wait before the manoeuvre [s]")] = 5.0
     waiting: Annotated[
         Literal["constant", "lcm"],
         Field(description="the waiting AV: constant speed, or LCM behind the origin leader (Table 3 means)"),
