@@ -119,19 +119,19 @@ def meet_leaders(
     half = scene.length / 2.0
     for i in range(len(scene.leader_a)):
         a2, b2 = scene.leader_a[i], scene.leader_b[i]
-        limit = scene.a + a2 + scene.rear_to_centre + _STEP
+        limit = scene.a + a2 + scene.rear_to_centre
         for k in range(len(y)):
             j = max(k - 1, 0)
             dy0, dy = scene.leader_y[i, j] - y[j], scene.leader_y[i, k] - y[k]
             if min(abs(dy0), abs(dy)) >= max(reach[j], reach[k]) + b2:
                 continue
             shift0, shift = scene.leader_x[i, j] + half, scene.leader_x[i, k] + half
-            if _near(k, shift, limit, av_front) == 0:
+            if _near(k, shift, limit + _STEP, av_front) == 0:
                 continue
             for w in range(LANES):
-                dx = shift - av_front[k * LANES + w]
-                if k < contact[w] and abs(dx) < limit:
-                    before = (shift0 - av_front[j * LANES + w], dy0, av_v[j * LANES + w], vy[j])
+                dx0, dx = shift0 - av_front[j * LANES + w], shift - av_front[k * LANES + w]
+                if k < contact[w] and min(abs(dx0), abs(dx)) < limit:
+                    before = (dx0, dy0, av_v[j * LANES + w], vy[j])
                     now = (dx, dy, av_v[k * LANES + w], vy[k])
                     _record(k, w, i, before, now, a2, b2, scene, contact, role)
 
@@ -156,19 +156,19 @@ def _meet_behind(
     """Contacts until sample ``last`` with a vehicle that reacts to each candidate. back: front to centre [m]."""
     shift = scene.length / 2.0 - back
     a2, b2 = axes
-    limit = scene.a + a2 + scene.rear_to_centre + _STEP
+    limit = scene.a + a2 + scene.rear_to_centre
     for k in range(last + 1):
         j = max(k - 1, 0)
         dy0, dy = other_y - y[j], other_y - y[k]
         if (
             min(abs(dy0), abs(dy)) >= max(reach[j], reach[k]) + b2
-            or _near_pair(k, shift, limit, av_front, front) == 0
+            or _near_pair(k, shift, limit + _STEP, av_front, front) == 0
         ):
             continue
         for w in range(LANES):
+            dx0 = front[j * LANES + w] + shift - av_front[j * LANES + w]
             dx = front[k * LANES + w] + shift - av_front[k * LANES + w]
-            if k < contact[w] and abs(dx) < limit:
-                dx0 = front[j * LANES + w] + shift - av_front[j * LANES + w]
+            if k < contact[w] and min(abs(dx0), abs(dx)) < limit:
                 before = (dx0, dy0, av_v[j * LANES + w], vy[j])
                 now = (dx, dy, av_v[k * LANES + w], vy[k])
                 _record(k, w, who, before, now, a2, b2, scene, contact, role)
