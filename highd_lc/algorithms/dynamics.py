@@ -29,7 +29,7 @@ class Limits(NamedTuple):
 
 def limits(v0: float, settings: ConstraintSettings) -> Limits:
     """The limits of an event: v_min is at most 0.8 v0 (SPEC section 5). v0 in m/s."""
-    return Limits(min(settings.v_min, 0.8 * v0), max(settings.v_max, v0), settings.acceleration, settings.jerk)
+    return Limits(min(settings.v_min, 0.8 * v0), settings.v_max, settings.acceleration, settings.jerk)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
