@@ -132,7 +132,8 @@ def report(
     """Make the pages and figures."""
     folder = _data(data)
     settings = _settings(pipeline, folder)
-    changes = {"png": png, "top": top, "raw": raw or None}
+    wanted = png or (None if top is None else "top")
+    changes = {"png": wanted, "top": top, "raw": raw or None}
     settings = settings_file.with_report(settings, {k: v for k, v in changes.items() if v is not None})
     if settings.report.raw:
         errors.print("warning: pages with raw coordinates may not be shared (HighD's licence)")
