@@ -98,7 +98,9 @@ def test_errors_come_back_as_they_are() -> None:
 
 def _started(place: Place, until: str) -> subprocess.Popen[str]:
     """The command line in a session of its own, once it has begun a stage."""
-    program = [sys.executable, "-c", "from highd_lc.cli import main; main()"]
+    # A shell that runs the tests in the background makes them ignore SIGINT, and their children with them.
+    listen = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)"
+    program = [sys.executable, "-c", f"{listen}; from highd_lc.cli import main; main()"]
     process = subprocess.Popen(
         program + place.arguments("--workers", "2")[1:],
         stdout=subprocess.DEVNULL,
