@@ -38,7 +38,7 @@ def refine_edges(task: Task, pool: Pool, goals: list[Goal]) -> Pool:
 
 def _promising(pool: Pool, goals: list[Goal]) -> tuple[IntArray, IntArray]:
     """The candidates at both ends of each interval to divide."""
-    if not any(_hidden(pool, goal) for goal in goals):
+    if not any(hides_better(pool, goal) for goal in goals):
         return np.empty(0, np.int64), np.empty(0, np.int64)
     order = np.lexsort((pool.delta, pool.change, pool.n))
     low, high = order[:-1], order[1:]
@@ -60,6 +60,6 @@ def _target(pool: Pool, goal: Goal) -> float:
     return np.inf if best is None else float(pool.unconstrained(goal)[best]) * (1.0 - _WORTHWHILE)
 
 
-def _hidden(pool: Pool, goal: Goal) -> bool:
+def hides_better(pool: Pool, goal: Goal) -> bool:
     """Whether some infeasible candidate promises more than the best feasible one."""
     return bool((pool.unconstrained(goal) < _target(pool, goal)).any())

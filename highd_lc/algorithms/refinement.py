@@ -6,8 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from highd_lc.algorithms.basins import Head, basins, node_step, widest, x_nodes
+from highd_lc.algorithms.contacts import LANES
 from highd_lc.algorithms.dynamics import violations
-from highd_lc.algorithms.edges import refine_edges
+from highd_lc.algorithms.edges import hides_better, refine_edges
 from highd_lc.algorithms.pool import Goal, Pool, Task
 from highd_lc.algorithms.zoom import Starts, zoom
 
@@ -21,6 +22,8 @@ _STEPS: Final = (-4, -3, -2, -1, 1, 2, 3, 4)
 _STEPS_UNACCELERATED: Final = {True: (-2, 2), False: ()}
 _UNDECIDED: Final = 0.002
 _FINALISTS: Final = 3
+_BESIDE: Final = 0.5
+"""Window of the zoom at a duration beside the one reached, over a step of the grid."""
 _FINEST: Final = {True: 0.02, False: 0.03}
 """Window of the last zoom over that of the first, of the free and of the fixed form."""
 
@@ -36,7 +39,8 @@ def refine(task: Task, pool: Pool, goals: list[Goal], *, free: bool) -> Pool:
     pool, heads = _zoom_heads(task, pool, goals, basins(task, pool, goals, free=free), free=free)
     explored: set[Place] = set()
     while rows := _beside(task, pool, _leading(pool, goals, heads), explored, free=free):
-        pool, found = zoom_rows(task, pool, goals, rows, free=free)
+        pool, starts = _into_slots(task, pool, goals, rows) if free else (pool, rows)
+        pool, found = zoom_rows(task, pool, goals, starts, free=free, window=_BESIDE)
         heads = _stepped(pool, goals, rows, found)
     return _zoom_heads(task, pool, goals, _finalists(pool, goals), free=free, window=_FINEST[free])[0]
 
@@ -116,6 +120,32 @@ def _beside(task: Task, pool: Pool, heads: list[Head], explored: set[Place], *, 
         rows += [(m, i, g) for m in wanted]
         explored.update((*basin, m) for m in wanted)
     return rows
+
+
+def _into_slots(task: Task, pool: Pool, goals: list[Goal], rows: list[Row]) -> tuple[Pool, list[Row]]:
+    """Where contacts hide better plans: each row on the best candidate of a line over x_final at its duration.
+
+    A slot between two vehicles is thin across x_final: a line finds it where a cloud falls on either side.
+    """
+    tight = [hides_better(pool, goal) for goal in goals]
+    moved = [row for row in rows if tight[row[2]]]
+    if not moved:
+        return pool, rows
+    n, index, _ = (np.array(column) for column in zip(*moved, strict=True))
+    centre, frame = _window(task, pool, n, index, free=True, window=1.0)
+    bend = centre[:, :1] + frame[:, 0, :1] * np.linspace(-1.0, 1.0, LANES)
+    change = np.repeat(centre[:, 1:], LANES, axis=1)
+    lines = task.simulate(n, bend + change * task.seconds(n)[:, None] / 2.0, change)
+    found = refine_edges(task, pool.joined(lines), goals)
+    return found, [_on_its_line(found, goals, row, len(pool)) if tight[row[2]] else row for row in rows]
+
+
+def _on_its_line(pool: Pool, goals: list[Goal], row: Row, first: int) -> Row:
+    """The row from the best feasible candidate of its line, if there is one; lines begin at ``first``."""
+    n, i, g = row
+    line = first + np.flatnonzero((pool.n[first:] == n) & (pool.change[first:] == pool.change[i]))
+    value = pool.objective(goals[g])[line]
+    return (n, int(line[np.argmin(value)]), g) if np.isfinite(value).any() else row
 
 
 def _finalists(pool: Pool, goals: list[Goal]) -> list[Head]:
