@@ -1,0 +1,298 @@
+"""Losses and clearances of every plan from the artefacts alone, written from the equations.
+
+Shares no code with the product. Plain numpy and pandas, one event and one plan at a time, under the conventions of
+the default settings: recorded leaders, LCM after T, followers behind the AV from the start, weighted aggregation.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pandas as pd
+
+DT = 0.1
+H = 15.0
+V_REF = 33.54
+N_COMFORT, N_EFFICIENCY = 8.0, 33.54
+TABLE3_MEAN = {"v_desire": 33.54, "A": 4.91, "tau": 0.93, "L": 4.82, "b": 6.93, "B": 6.44}
+L_BOUNDS = 2.0, 25.0
+HUMAN_WINDOW_S = 1.5
+# Over which time each side is charged, (AV, followers): True = up to H, False = up to T.
+CHARGED_TO_H = {"paper": (False, False), "follower_horizon": (False, True), "equal": (True, True)}
+LAST = round(H / DT)
+GRID = np.arange(LAST + 1) * DT
+
+
+@dataclass(frozen=True)
+class Vehicle:
+    """A vehicle on the 0.1 s grid of 0..H: its box, its recorded motion, extended at constant speed."""
+
+    length: float
+    width: float
+    x: np.ndarray
+    y: np.ndarray
+    v: np.ndarray
+
+
+@dataclass(frozen=True)
+class Event:
+    """An event's vehicles by role, its followers nearest first with their LCM, and the ego's recorded path."""
+
+    D: float
+    duration: float
+    ego: Vehicle
+    others: dict[str, Vehicle]
+    followers: list[Vehicle]
+    lcm: list[dict[str, float]]
+    L_unmoved: float
+    path: pd.DataFrame
+
+
+@dataclass(frozen=True)
+class Drive:
+    """The AV on the grid. j: |jx| + |jy| of the prescribed samples; a: LCM commands from T on."""
+
+    T: float
+    x: np.ndarray
+    vx: np.ndarray
+    y: np.ndarray
+    vy: np.ndarray
+    j: np.ndarray
+    a: np.ndarray
+
+
+# --- the scene ---------------------------------------------------------------------------------------------------
+
+
+def on_grid(track: pd.DataFrame, box: pd.Series) -> Vehicle:
+    """Recorded motion on the grid: cubic Hermite for positions, linear speeds, constant speed once out of view."""
+    t = track["t"].to_numpy()
+    seen = np.minimum(GRID, t[-1])
+    i = np.clip(np.searchsorted(t, seen + 1e-9) - 1, 0, len(t) - 2)
+    h = t[i + 1] - t[i]
+    u = (seen - t[i]) / h
+
+    def hermite(position: str, speed: str) -> np.ndarray:
+        p, s = track[position].to_numpy(), track[speed].to_numpy()
+        basis = ((1 + 2 * u) * (1 - u) ** 2, u * (1 - u) ** 2, u**2 * (3 - 2 * u), u**2 * (u - 1))
+        return basis[0] * p[i] + basis[1] * h * s[i] + basis[2] * p[i + 1] + basis[3] * h * s[i + 1]
+
+    v = np.interp(seen, t, track["vx"].to_numpy())
+    return Vehicle(box["length"], box["width"], hermite("x", "vx") + v * (GRID - seen), hermite("y", "vy"), v)
+
+
+def read_event(tables: dict[str, pd.DataFrame], event_id: str) -> Event:
+    """One event on the grid."""
+    event = tables["events"].set_index("event_id").loc[event_id]
+    rows = tables["event_tracks"][tables["event_tracks"]["event_id"] == event_id].sort_values("t")
+    of_recording = tables["vehicles"]["recording_id"] == event["recording_id"]
+    boxes = tables["vehicles"][of_recording].set_index("vehicle_id")
+    from_start = rows[rows["t"] > -1e-9]
+    cars = {
+        role: on_grid(track, boxes.loc[track["vehicle_id"].iloc[0]]) for role, track in from_start.groupby("role")
+    }
+    fits = tables["followers"][tables["followers"]["event_id"] == event_id].sort_values("follower")
+    drivers = [
+        {name: row[name] for name in ("v_desire", "A", "b", "B", "tau")} | {"L": row["L_replay"]}
+        for _, row in fits.iterrows()
+    ]
+    unmoved = fits.iloc[0]["L"]
+    if "target_leader" in cars and np.isfinite(fits.iloc[0]["leader_length_m"]):
+        moved = unmoved - fits.iloc[0]["leader_length_m"] + cars["target_leader"].length
+        unmoved = min(max(moved, L_BOUNDS[0]), L_BOUNDS[1])
+    ego = cars.pop("ego")
+    followers = [cars.pop(f"target_follower_{rank}") for rank in fits["follower"]]
+    path = rows[rows["role"] == "ego"]
+    return Event(event["lateral_shift_m"], event["duration_s"], ego, cars, followers, drivers, unmoved, path)
+
+
+# --- motion ------------------------------------------------------------------------------------------------------
+
+
+def lcm_acceleration(p: dict[str, float], v: float, leader: tuple[float, float] | None) -> float:
+    """LCM [10-11]. leader: its spacing front to front and its speed; None = free road."""
+    if leader is None:
+        return p["A"] * (1 - v / p["v_desire"])
+    s, v_leader = leader
+    wanted = max(v**2 / (2 * p["b"]) - v_leader**2 / (2 * p["B"]) + v * p["tau"] + p["L"], p["L"])
+    return p["A"] * (1 - v / p["v_desire"] - np.exp(1 - s / wanted))
+
+
+def quintic(times: np.ndarray, plan: pd.Series, v0: float, D: float) -> dict[str, np.ndarray]:
+    """The AV's trajectory [1-4] and its derivatives at times within 0..T, from the polynomials' coefficients."""
+    T = plan["T"]
+    z = np.polynomial.Polynomial([0, 0, 0, 10, -15, 6])
+    q = np.polynomial.Polynomial([0, 0, 0, -4, 7, -3])
+    x = np.polynomial.Polynomial([0, v0 * T]) + (plan["x_final"] - v0 * T) * z + T * (plan["v_end"] - v0) * q
+    motion = {}
+    for order, name in enumerate(("", "v", "a", "j")):
+        for axis, shape in (("x", x), ("y", D * z)):
+            motion[name + axis] = (shape.deriv(order) if order else shape)(times / T) / T**order
+    return motion
+
+
+def human_path(event: Event) -> dict[str, np.ndarray]:
+    """The recorded path over the grid's samples within the lane change: local cubics over the window, fitted anew.
+
+    Near the ends of the track the cubic of the last whole window serves.
+    """
+    t = event.path["t"].to_numpy()
+    rate = round(1 / np.median(np.diff(t)), 6)
+    half = min(round(HUMAN_WINDOW_S * rate / 2), (len(t) - 1) // 2)
+    motion = {}
+    for axis in ("x", "y"):
+        values = event.path[axis].to_numpy()
+        smooth = np.empty((4, len(t)))
+        for i in range(len(t)):
+            c = min(max(i, half), len(t) - 1 - half)
+            cubic = np.polynomial.Polynomial.fit(t[c - half : c + half + 1], values[c - half : c + half + 1], 3)
+            smooth[:, i] = [(cubic.deriv(k) if k else cubic)(t[i]) for k in range(4)]
+        times = np.arange(round(event.duration / DT) + 1) * DT
+        for name, row in zip(("", "v", "a", "j"), smooth, strict=True):
+            motion[name + axis] = np.interp(times, t, row)
+    return motion
+
+
+def drive(event: Event, plan: pd.Series) -> Drive:
+    """The AV over 0..H: as prescribed until T, then LCM behind the target leader (Table 3 means)."""
+    n = round(plan["T"] / DT)
+    human = plan["policy"] == "human"
+    m = human_path(event) if human else quintic(GRID[: n + 1], plan, event.ego.v[0], event.D)
+    x, vx, y, vy = (np.zeros(LAST + 1) for _ in range(4))
+    x[: n + 1], vx[: n + 1], y[: n + 1], vy[: n + 1] = m["x"], m["vx"], m["y"], m["vy"]
+    y[n:] = m["y"][-1]
+    a = follow_leader(event, x, vx, n, event.others.get("target_leader"))
+    return Drive(plan["T"], x, vx, y, vy, np.abs(m["jx"]) + np.abs(m["jy"]), a)
+
+
+def follow_leader(event: Event, x: np.ndarray, vx: np.ndarray, n: int, leader: Vehicle | None) -> np.ndarray:
+    """The AV by LCM from sample n on, filled into x and vx; its commands from there."""
+    a = np.empty(LAST - n + 1)
+    for k in range(n, LAST + 1):
+        ahead = None
+        if leader is not None:
+            ahead = leader.x[k] - x[k] + (leader.length - event.ego.length) / 2, leader.v[k]
+        a[k - n] = lcm_acceleration(TABLE3_MEAN, vx[k], ahead)
+        if k < LAST:
+            vx[k + 1] = max(vx[k] + a[k - n] * DT, 0.0)
+            x[k + 1] = x[k] + vx[k + 1] * DT
+    return a
+
+
+def follow(event: Event, first: tuple[np.ndarray, np.ndarray, float] | None) -> list[dict[str, np.ndarray]]:
+    """The followers by LCM over 0..H, each behind the one before it, the first behind x, v, length of ``first``.
+
+    All use the states of the same instant.
+    """
+    cars = event.followers
+    x = [np.full(LAST + 1, car.x[0]) for car in cars]
+    v = [np.full(LAST + 1, car.v[0]) for car in cars]
+    a = [np.zeros(LAST + 1) for _ in cars]
+    for k in range(LAST + 1):
+        for i, car in enumerate(cars):
+            before = first if i == 0 else (x[i - 1], v[i - 1], cars[i - 1].length)
+            ahead = None
+            if before is not None:
+                ahead = before[0][k] - x[i][k] + (before[2] - car.length) / 2, before[1][k]
+            a[i][k] = lcm_acceleration(event.lcm[i], v[i][k], ahead)
+        if k < LAST:
+            for i in range(len(cars)):
+                v[i][k + 1] = max(v[i][k] + a[i][k] * DT, 0.0)
+                x[i][k + 1] = x[i][k] + v[i][k + 1] * DT
+    return [{"x": x[i], "v": v[i], "a": a[i]} for i in range(len(cars))]
+
+
+def unchanged(event: Event) -> list[dict[str, np.ndarray]]:
+    """The followers without a lane change: the first stays behind the target leader."""
+    leader = event.others.get("target_leader")
+    own = [event.lcm[0] | {"L": event.L_unmoved}, *event.lcm[1:]]
+    return follow(replace(event, lcm=own), None if leader is None else (leader.x, leader.v, leader.length))
+
+
+# --- losses ------------------------------------------------------------------------------------------------------
+
+
+def weights(event: Event) -> np.ndarray:
+    """Equations 16 and 17: speed difference over the root of the spacing to the AV at t_start."""
+    spacing = [event.ego.x[0] - car.x[0] + (event.ego.length - car.length) / 2 for car in event.followers]
+    sigma = np.array([abs(car.v[0] - event.ego.v[0]) for car in event.followers]) / np.sqrt(spacing)
+    return sigma / sigma.sum() if sigma.sum() > 0 else np.full(len(sigma), 1 / len(sigma))
+
+
+def av_loss(av: Drive, accounting: str) -> dict[str, float]:
+    """The AV's normalised comfort and efficiency."""
+    to_h = CHARGED_TO_H[accounting][0]
+    comfort = av.j.sum() + (np.abs(np.diff(av.a)).sum() / DT if to_h else 0.0)
+    end = LAST if to_h else round(av.T / DT)
+    efficiency = np.abs(np.hypot(av.vx[: end + 1], av.vy[: end + 1]) - V_REF).sum()
+    comfort, efficiency = comfort / N_COMFORT, efficiency / N_EFFICIENCY
+    return {"av_comfort": comfort, "av_efficiency": efficiency, "loss_av": 0.5 * comfort + 0.5 * efficiency}
+
+
+def hv_loss(event: Event, motion: list[dict[str, np.ndarray]], T: float, accounting: str) -> dict[str, float]:
+    """The followers' normalised, weighted comfort and efficiency."""
+    end = LAST if CHARGED_TO_H[accounting][1] else round(T / DT)
+    comfort = weights(event) @ [np.abs(np.diff(m["a"][: end + 1])).sum() / DT / N_COMFORT for m in motion]
+    efficiency = weights(event) @ [np.abs(m["v"][: end + 1] - V_REF).sum() / N_EFFICIENCY for m in motion]
+    return {"hv_comfort": comfort, "hv_efficiency": efficiency, "loss_hv": 0.5 * comfort + 0.5 * efficiency}
+
+
+def plan_losses(event: Event, plan: pd.Series) -> dict[str, float]:
+    """Every loss of one plan; of "no_lane_change" the followers' alone."""
+    if plan["policy"] == "no_lane_change":
+        return hv_loss(event, unchanged(event), plan["T"], plan["accounting"])
+    av = drive(event, plan)
+    motion = follow(event, (av.x, av.vx, event.ego.length))
+    return av_loss(av, plan["accounting"]) | hv_loss(event, motion, plan["T"], plan["accounting"])
+
+
+# --- constraints -------------------------------------------------------------------------------------------------
+
+
+def separation(
+    centres: np.ndarray, axes: tuple[float, float], headings: np.ndarray, other: tuple[float, float], *, n: int
+) -> np.ndarray:
+    """Distance of two ellipses at every sample by brute force over n directions; the other is not turned.
+
+    The distance of two convex sets is the largest separation over all directions u, u . (c2 - c1) - h1(u) - h2(u),
+    with each one's support function h; negative when they overlap. Fewer directions give a lower bound.
+    """
+    angle = np.linspace(0, 2 * np.pi, n, endpoint=False)
+    own = np.hypot(axes[0] * np.cos(angle - headings[:, None]), axes[1] * np.sin(angle - headings[:, None]))
+    reach = own + np.hypot(other[0] * np.cos(angle), other[1] * np.sin(angle))
+    return (centres[:, :1] * np.cos(angle) + centres[:, 1:] * np.sin(angle) - reach).max(axis=1)
+
+
+def smallest_clearance(event: Event, plan: pd.Series) -> float:
+    """Smallest distance between the AV's ellipse and anybody's over the accounted samples."""
+    av = drive(event, plan)
+    n = round(av.T / DT)
+    end = n if plan["accounting"] == "paper" else LAST
+    heading, r = np.arctan2(av.vy, av.vx), 0.3 * event.ego.length
+    x, y = av.x - r + r * np.cos(heading), av.y + r * np.sin(heading)
+    motion = follow(event, (av.x, av.vx, event.ego.length))
+    found = [
+        (event.others[role], event.others[role].x, event.others[role].y, end)
+        for role in ("origin_leader", "target_leader")
+        if role in event.others
+    ]
+    found += [
+        (car, m["x"], np.full(LAST + 1, car.y[0]), end) for car, m in zip(event.followers, motion, strict=True)
+    ]
+    if "origin_follower" in event.others:
+        car = event.others["origin_follower"]
+        alone = replace(event, followers=[car], lcm=[TABLE3_MEAN])
+        behind = follow(alone, (av.x, av.vx, event.ego.length))[0]["x"]
+        found.append((car, behind, np.full(LAST + 1, car.y[0]), n // 2))
+    axes = event.ego.length / 2**0.5, event.ego.width / 2**0.5
+    return min(
+        _nearest(np.column_stack([other_x - x, other_y - y])[: last + 1], axes, heading[: last + 1], car)
+        for car, other_x, other_y, last in found
+    )
+
+
+def _nearest(centres: np.ndarray, axes: tuple[float, float], heading: np.ndarray, car: Vehicle) -> float:
+    other = car.length / 2**0.5, car.width / 2**0.5
+    roughly = separation(centres, axes, heading, other, n=120)
+    # What 120 directions may miss of the distance, rounded up: |c| (1 - cos of half their step).
+    close = roughly <= roughly.min() + 0.02 + 4e-4 * np.hypot(*centres.T)
+    return float(separation(centres[close], axes, heading[close], other, n=4000).min())
