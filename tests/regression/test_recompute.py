@@ -1,4 +1,4 @@
-"""Losses and clearances of every plan follow from the artefacts alone, by code that shares none with the product."""
+"""Losses and clearances of every plan follow from the artefacts alone, by code of their own."""
 
 import numpy as np
 import pandas as pd
