@@ -221,21 +221,23 @@ def unchanged_motion(problem: PlanningProblem) -> tuple[AvMotion, FloatArray, Fl
     return replace(free, n=round(CONSTANT_T / packed.dt)), x, v, a
 
 
+def start_clearances(problem: PlanningProblem) -> dict[str, float]:
+    """Clearance to each role at t_start [m]."""
+    packed = problem.packed
+    still = np.zeros(1)
+    at_start, _ = clearances(
+        still, still, still + packed.v0, still, 0, 0, packed, np.ascontiguousarray(packed.follower_x[:, None])
+    )
+    return dict(zip(problem.roles, at_start.tolist(), strict=True))
+
+
 def overlap_at_start(problem: PlanningProblem) -> list[str]:
     """Roles whose ellipse overlaps the AV's at t_start already."""
-    packed, p = problem.packed, len(problem.packed.follower_x)
-    x = np.repeat(packed.follower_x[:, None], len(packed.target_v), axis=1).reshape(p, -1)
-    still = np.zeros(1)
-    at_start, _ = clearances(still, still, still + packed.v0, still, 0, 0, packed, x)
-    return [role for role, clearance in zip(problem.roles, at_start, strict=True) if clearance < 0.0]
+    return [role for role, clearance in start_clearances(problem).items() if clearance < 0.0]
 
 
 def _infeasible_at_start(problem: PlanningProblem) -> Iterator[Plan]:
-    packed, p = problem.packed, len(problem.packed.follower_x)
-    x = np.repeat(packed.follower_x[:, None], len(packed.target_v), axis=1).reshape(p, -1)
-    still = np.zeros(1)
-    at_start, _ = clearances(still, still, still + packed.v0, still, 0, 0, packed, x)
-    margin = {f"clearance_{role}": float(c) for role, c in zip(problem.roles, at_start, strict=True)}
+    margin = {f"clearance_{role}": clearance for role, clearance in start_clearances(problem).items()}
     for policy in policies(problem.settings):
         if policy in FORM_OF:
             for accounting in names.ACCOUNTINGS:
@@ -248,14 +250,13 @@ def rejections(
     """Candidates looked at, and how many each constraint rejected; every one counts for its first violation.
 
     Limits of motion are counted on a plain grid over all of T, x_final and v_end (nominal: the result of
-    ``nominal_rejections``), contacts among the candidates that were simulated.
+    ``nominal_rejections``), contacts among the candidates that were simulated: together they are all candidates.
     """
     kept = pool.violation == 0
     touched = kept & ~pool.feasible(accounting)
     roles = np.bincount(pool.role[touched], minlength=len(problem.roles))
-    counts = {name: nominal[name] for name in dynamics.CONSTRAINTS}
-    counts |= {f"clearance_{role}": int(c) for role, c in zip(problem.roles, roles, strict=True)}
-    return nominal["candidates"] + int(kept.sum()), counts
+    touching = {f"clearance_{role}": int(c) for role, c in zip(problem.roles, roles, strict=True)}
+    return sum(nominal.values()) + int(kept.sum()), nominal | touching
 
 
 def clearance_margins(problem: PlanningProblem, played: Replay, accounting: str) -> dict[str, float]:

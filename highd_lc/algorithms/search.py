@@ -65,7 +65,7 @@ def _changes(task: Task, T: FloatArray, free: bool) -> FloatArray:
 
 
 def nominal_rejections(task: Task, *, free: bool) -> dict[str, int]:
-    """How many plans of a plain grid each dynamic constraint rejects; key "candidates" holds their number.
+    """How many plans of a plain grid each dynamic constraint rejects.
 
     The grid spans every T, mean speeds from v_min to v_max and, in the free form, end speeds from v_min to
     v_max; a plan counts for the first constraint that it violates.
@@ -82,4 +82,4 @@ def nominal_rejections(task: Task, *, free: bool) -> dict[str, int]:
         task.seconds(n), np.ascontiguousarray(delta), np.ascontiguousarray(change), scene.v0, scene.D, limit
     )
     counts = np.bincount(codes.ravel(), minlength=len(CONSTRAINTS) + 1)
-    return {"candidates": codes.size, **{name: int(counts[i + 1]) for i, name in enumerate(CONSTRAINTS)}}
+    return {name: int(counts[i + 1]) for i, name in enumerate(CONSTRAINTS)}
