@@ -1,4 +1,7 @@
-"""The command line: parses, loads settings, calls the engine, prints. No logic of its own."""
+"""The command line: parses, loads settings, calls the engine, prints. No logic of its own.
+
+Commands import what they run themselves: what one of them does not need would cost it a second of start-up.
+"""
 
 import signal
 import sys
@@ -10,18 +13,13 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
-from highd_lc import engine
-from highd_lc.io import artefacts, synthetic
 from highd_lc.io import settings as settings_file
-from highd_lc.io.event_description import describe_event
-from highd_lc.reporting.terminal import lcm_table, matrix_table
-from highd_lc.reporting.terminal_scenarios import claims_table
-from highd_lc.stages import scenarios as scenario_stage
 from highd_lc.vocab.errors import HighdLcError, InterruptedRunError, StorageError, UsageError
-from highd_lc.vocab.scenarios import ScenarioSettings
+from highd_lc.vocab.job import Options, Outcome
 from highd_lc.vocab.settings import Settings
 
-app = typer.Typer(no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False, help=__doc__)
+_HELP = "Calibrate and validate lane-change planning on HighD recordings."
+app = typer.Typer(no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False, help=_HELP)
 # Where nobody's terminal sets the width (make, CI, a log), the tables get the room that they need.
 console = Console(width=None if sys.stdout.isatty() else 100)
 errors = Console(stderr=True, soft_wrap=True, highlight=False)
@@ -62,15 +60,28 @@ def _signals_as_errors() -> Iterator[None]:
         signal.signal(signal.SIGTERM, before)
 
 
-def _go(stage: str, settings: Settings, options: engine.Options) -> None:
+def _go(stage: str, settings: Settings, options: Options) -> None:
     with _signals_as_errors():
+        from highd_lc import engine
+
         outcome = engine.run(settings, options, last=stage, console=console)
+    _print_results(stage, options)
+    _end_with_problems(outcome)
+
+
+def _print_results(stage: str, options: Options) -> None:
+    from highd_lc.io import artefacts
+    from highd_lc.reporting.terminal import lcm_table, matrix_table
+
     if stage == "calibrate":
         console.print(lcm_table(artefacts.read(options.work, "summary_lcm")))
     if stage in ("validate", "report"):
         console.print(matrix_table(artefacts.read(options.work, "validation_matrix")))
     if stage == "report":
         console.print(f"report: {(options.reports / 'index.html').resolve()}", soft_wrap=True)
+
+
+def _end_with_problems(outcome: Outcome) -> None:
     for problem in outcome.problems:
         errors.print(f"{problem.stage}: {problem.message}", markup=False)
     if outcome.problems:
@@ -99,7 +110,7 @@ def _stage_command(stage: str, text: str) -> None:
         strict: Strict = False,
     ) -> None:
         folder = _data(data)
-        options = engine.Options(folder, work, reports, workers, scheduler, verify, strict)
+        options = Options(folder, work, reports, workers, scheduler, verify, strict)
         _go(stage, _settings(pipeline, folder), options)
 
     app.command(name=stage if stage != "report" else "run", help=text)(command)
@@ -137,7 +148,7 @@ def report(
     settings = settings_file.with_report(settings, {k: v for k, v in changes.items() if v is not None})
     if settings.report.raw:
         errors.print("warning: pages with raw coordinates may not be shared (HighD's licence)")
-    options = engine.Options(
+    options = Options(
         folder, work, reports, workers, scheduler, verify, strict, tuple(event or ()), tuple(vector or ())
     )
     try:
@@ -153,6 +164,8 @@ def show(
     work: Work = DEFAULT_WORK,
 ) -> None:
     """Print one lane change: its roles, frames and reasons."""
+    from highd_lc.io.event_description import describe_event
+
     console.print(describe_event(work, event_id), markup=False, highlight=False, soft_wrap=True)
 
 
@@ -165,6 +178,8 @@ def synthesize(
     workers: Annotated[int, typer.Option(min=1, max=256, help="threads")] = 2,
 ) -> None:
     """Write synthetic recordings in HighD's format, with their truth beside them."""
+    from highd_lc.io import synthetic
+
     with _signals_as_errors():
         made = synthetic.synthesize(out, recordings=recordings, seconds=seconds, seed=seed, workers=workers)
     console.print(f"{len(made)} recordings in {out}", soft_wrap=True)
@@ -179,6 +194,10 @@ def scenarios(
     workers: Workers = 2,
 ) -> None:
     """Run the paper's scenarios and enter them beside every published number."""
+    from highd_lc.reporting.terminal_scenarios import claims_table
+    from highd_lc.stages import scenarios as scenario_stage
+    from highd_lc.vocab.scenarios import ScenarioSettings
+
     settings = settings_file.load_model(settings_file.find_pipeline(pipeline or "scenarios"), ScenarioSettings)
     with console.status("scenarios and every combination of the options" if sweep else "scenarios"):
         made = scenario_stage.run(settings, out, sweep=sweep, work=work, threads=workers)

@@ -8,7 +8,7 @@ from pathlib import Path
 from rich.console import Console
 
 from highd_lc.execution import Cluster, Execution, InProcess, LocalProcesses
-from highd_lc.io import atomic, highd, synthetic, workspace
+from highd_lc.io import atomic, highd, workspace
 from highd_lc.io.inputs import find_inputs
 from highd_lc.io.records import Records
 from highd_lc.io.settings import digest, resolved
@@ -73,6 +73,8 @@ def _synthesize(settings: Settings, options: Options, console: Console) -> Path:
         records.forget("synthesize")
         for old in folder.glob("*.csv"):
             old.unlink()
+        from highd_lc.io import synthetic  # the traffic simulation: nobody with recordings needs it
+
         synthetic.synthesize(
             folder,
             recordings=wanted.recordings,

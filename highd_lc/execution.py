@@ -15,7 +15,6 @@ from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, CancelledError, Future, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
-from multiprocessing import forkserver
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Protocol, Self, TypeVar
 
@@ -73,8 +72,6 @@ class LocalProcesses:
         self._pool = self._new_pool()
 
     def __enter__(self) -> Self:
-        # The server imports what is preloaded while this process is still busy with its inputs.
-        forkserver.ensure_running()
         return self
 
     def __exit__(

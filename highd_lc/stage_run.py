@@ -6,6 +6,8 @@ import traceback
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import cached_property, partial
+from importlib import import_module
+from types import ModuleType
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
@@ -16,7 +18,6 @@ from highd_lc.io.atomic import Written
 from highd_lc.io.inputs import Inputs
 from highd_lc.io.records import Records
 from highd_lc.io.settings import digest
-from highd_lc.stages import calibrate, extract, ingest, report, validate
 from highd_lc.vocab.errors import ClusterError, HighdLcError, InputError, StorageError
 from highd_lc.vocab.job import Combination, Job, JobReport, Options, Outcome, Problem, Provenance, ReportRequest
 from highd_lc.vocab.settings import Section, Settings
@@ -130,14 +131,16 @@ class StageRun:
         inputs = {f"{r:02d}": self.keys[r] for r in recordings}
         combination = Combination(recordings, self.options.work, self.settings, self._provenance(inputs))
         if self._request is not None:
-            return report.combine(combination, request=self._request)
+            counted: JobReport = stage_module(self.name).combine(combination, request=self._request)
+            return counted
         if self.name in _JOINED:
             counts = {
                 name: artefacts.concatenate(self.options.work, self.name, name, recordings, combination.provenance)
                 for name in _JOINED[self.name]
             }
             return JobReport(counts)
-        return {"calibrate": calibrate, "validate": validate}[self.name].combine(combination)
+        combined: JobReport = stage_module(self.name).combine(combination)
+        return combined
 
     def _key(self, recording: int) -> str:
         """What the stage's work on a recording depends on."""
@@ -165,7 +168,10 @@ class StageRun:
         if self.name != "report":
             return None
         o = self.options
-        return report.choose(o.work, self.settings.report, reports=o.reports, events=o.events, vector=o.vector)
+        wanted: ReportRequest = stage_module(self.name).choose(
+            o.work, self.settings.report, reports=o.reports, events=o.events, vector=o.vector
+        )
+        return wanted
 
     def _provenance(self, inputs: dict[str, str]) -> Provenance:
         """What the stage's artefacts carry: settings of later stages are not of their making."""
@@ -175,11 +181,16 @@ class StageRun:
         return Provenance(used, inputs, s.seed, workspace.code_version())
 
 
+def stage_module(stage: str) -> ModuleType:
+    """The module of a stage, imported when there is work for it: all of them take a second and more."""
+    return import_module(f"highd_lc.stages.{stage}")
+
+
 def _execute(stage: str, job: Job, request: ReportRequest | None) -> Done:
     """One stage on one recording, in whatever process: its report, and the files that it wrote."""
-    modules = {"ingest": ingest, "extract": extract, "calibrate": calibrate, "validate": validate}
+    module = stage_module(stage)
     with atomic.collected() as files:
-        done = modules[stage].run(job) if request is None else report.run(job, request=request)
+        done = module.run(job) if request is None else module.run(job, request=request)
     return done, files
 
 

@@ -10,7 +10,6 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import minimize
 
 from highd_lc.algorithms import dynamics
 from highd_lc.algorithms.dynamics import forward_interval
@@ -148,6 +147,8 @@ class Relaxation:
         settings = self.task.settings
         bounds = [(settings.T_min / _SCALE[0], self.task.durations[-1] * self.task.scene.dt / _SCALE[0])]
         bounds += [(-100.0, 100.0)] * 2
+        from scipy.optimize import minimize  # half a second, for a comparison on a sample of events
+
         result = minimize(
             self.value,
             x,

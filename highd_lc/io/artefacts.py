@@ -16,7 +16,7 @@ import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from highd_lc.io import atomic, schemas
+from highd_lc.io import atomic, value_checks
 from highd_lc.vocab.errors import ArtefactError
 from highd_lc.vocab.job import Job, Provenance
 from highd_lc.vocab.tables import SCHEMA_VERSION, TABLES, Column, Table
@@ -220,7 +220,7 @@ def check(table: Table, data: pa.Table) -> None:
     """Check types, nulls and value ranges of the columns present. Raises ArtefactError at the first fault."""
     for problem in _type_problems(table, data):
         raise ArtefactError(f"{table.name}: {problem}")
-    schemas.check_values(table, data)
+    value_checks.check_values(table, data)
 
 
 def _type_problems(table: Table, data: pa.Table) -> Iterator[str]:
