@@ -239,17 +239,44 @@ def _nearest(
     after_T: FloatArray,
     index: int,
 ) -> None:
+    """Lower the clearances at ``index`` to those to an obstacle at other_x, other_y with semi-axes a, b."""
+    # Separation along the axes is a lower bound: beside the clearance at the least of them, most need no more.
+    bounds, least = np.empty(len(x)), np.full(2, -1)
     for k in range(len(x)):
-        heading = np.arctan2(vy[k], vx[k]) if k <= n else 0.0
-        sin, cos = np.sin(heading), np.cos(heading)
-        dx = other_x[k] - x[k] + scene.rear_to_centre * (1.0 - cos)
-        dy = other_y[k] - y[k] - scene.rear_to_centre * sin
-        # Separation along the axes is a lower bound: most samples need no more.
-        bound = max(
+        dx, dy, cos, sin = _from_centre(k, x, y, vx, vy, n, scene, other_x, other_y)
+        bounds[k] = max(
             abs(dx) - np.hypot(scene.a * cos, scene.b * sin) - a,
             abs(dy) - np.hypot(scene.a * sin, scene.b * cos) - b,
         )
+        part = 0 if k <= n else 1
+        if least[part] < 0 or bounds[k] < bounds[least[part]]:
+            least[part] = k
+    for place in range(-2, len(x)):
+        k = least[place + 2] if place < 0 else place
         nearest = to_T if k <= n else after_T
-        if bound < nearest[index]:
-            clearance = ellipse_clearance(dx, dy, heading, scene.a, scene.b, a, b)
+        if k >= 0 and bounds[k] < nearest[index]:
+            dx, dy, cos, sin = _from_centre(k, x, y, vx, vy, n, scene, other_x, other_y)
+            clearance = ellipse_clearance(dx, dy, np.arctan2(sin, cos), scene.a, scene.b, a, b)
             nearest[index] = min(nearest[index], clearance)
+
+
+@njit(inline="always")
+def _from_centre(
+    k: int,
+    x: FloatArray,
+    y: FloatArray,
+    vx: FloatArray,
+    vy: FloatArray,
+    n: int,
+    scene: PackedScene,
+    other_x: FloatArray,
+    other_y: FloatArray,
+) -> tuple[float, float, float, float]:
+    """Position of an obstacle from the AV's box centre at sample k, cosine and sine of the AV's heading."""
+    cos, sin = 1.0, 0.0
+    if k <= n and vy[k] != 0.0:
+        speed = np.hypot(vx[k], vy[k])
+        cos, sin = vx[k] / speed, vy[k] / speed
+    dx = other_x[k] - x[k] + scene.rear_to_centre * (1.0 - cos)
+    dy = other_y[k] - y[k] - scene.rear_to_centre * sin
+    return dx, dy, cos, sin

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from highd_lc.algorithms.candidates import LossTerms
@@ -161,28 +162,33 @@ def safety(lane: list[Pair], last: int) -> dict[str, float]:
     NaN where no sample has one: nobody closes in, or everybody stands. Time headway = (gap + leader length) /
     speed; DRAC = closing speed^2 / (2 gap), only while the gap is positive.
     """
-    gap, headway, ttc, drac = ([np.nan] for _ in range(4))
+    worst = np.array([np.inf, np.inf, np.inf, -np.inf])
     for pair in lane:
-        used = slice(min(pair.first, last), last + 1)
-        g, v, closing = pair.gap[used], pair.v_follower[used], (pair.v_follower - pair.v_leader)[used]
-        gap.append(float(g.min()))
-        moving, near = v > 0.1, (closing > 1e-6) & (g > 0.0)
-        if moving.any():
-            headway.append(float(((g + pair.leader_length)[moving] / v[moving]).min()))
-        if near.any():
-            ttc.append(float((g[near] / closing[near]).min()))
-            drac.append(float((closing[near] ** 2 / (2.0 * g[near])).max()))
-    return {
-        "min_gap_m": _smallest(gap),
-        "min_time_headway_s": _smallest(headway),
-        "min_ttc_s": _smallest(ttc),
-        "max_drac": -_smallest([-d for d in drac]),
-    }
+        first = min(pair.first, last)
+        _extremes(pair.gap, pair.v_follower, pair.v_leader, pair.leader_length, first, last, worst)
+    worst[np.isinf(worst)] = np.nan
+    return dict(zip(("min_gap_m", "min_time_headway_s", "min_ttc_s", "max_drac"), worst.tolist(), strict=True))
 
 
-def _smallest(values: list[float]) -> float:
-    found = [v for v in values if not np.isnan(v)]
-    return min(found) if found else np.nan
+@njit(cache=True, nogil=True)
+def _extremes(
+    gap: FloatArray,
+    v: FloatArray,
+    v_leader: FloatArray,
+    leader_length: float,
+    first: int,
+    last: int,
+    worst: FloatArray,
+) -> None:
+    """Take a pair at the samples first .. last into worst: least gap, time headway, TTC; largest DRAC."""
+    for k in range(first, last + 1):
+        closing = v[k] - v_leader[k]
+        worst[0] = min(worst[0], gap[k])
+        if v[k] > 0.1:
+            worst[1] = min(worst[1], (gap[k] + leader_length) / v[k])
+        if closing > 1e-6 and gap[k] > 0.0:
+            worst[2] = min(worst[2], gap[k] / closing)
+            worst[3] = max(worst[3], closing**2 / (2.0 * gap[k]))
 
 
 def peak_deceleration(a: FloatArray, last: int) -> float:

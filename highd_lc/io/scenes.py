@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -25,16 +26,20 @@ TIME_STEP = 0.1
 WHEELBASE_SHARE = 0.6
 """Wheelbase over length of a vehicle; HighD has none (SPEC section 8)."""
 _COLUMNS = ["t", "x", "y", "vx", "vy", "ax", "ay"]
+_FIT_COLUMNS = ["follower", "leader_length_m", "spread", *PARAMETERS]
+
+Columns = dict[str, NDArray[Any]]
+"""Columns of a few rows of a table."""
 
 
 @dataclass(frozen=True)
 class _Recording:
-    """The tables of a recording: events, tracks by event and role, sizes by vehicle, fits by event."""
+    """The tables of a recording: events, tracks by event and role, sizes by vehicle, fits by event (ordered)."""
 
     events: pd.DataFrame
-    tracks: dict[tuple[str, str], dict[str, FloatArray]]
+    tracks: dict[tuple[str, ...], Columns]
     sizes: dict[int, tuple[float, float]]
-    fits: dict[str, pd.DataFrame]
+    fits: dict[tuple[str, ...], Columns]
 
 
 def load_scenes(work: Path, recording: int, settings: ValidateSettings) -> Iterator[Scene]:
@@ -62,10 +67,24 @@ def _load(work: Path, recording: int, settings: PlannerSettings) -> _Recording:
     sizes = zip(vehicles["length"], vehicles["width"], strict=True)
     return _Recording(
         events,
-        {key: _arrays(part) for key, part in rows.groupby(["event_id", "role"], sort=False)},
+        _grouped(rows, by=["event_id", "role"], order="t", columns=[*_COLUMNS, "vehicle_id"]),
         dict(zip(vehicles["vehicle_id"].tolist(), sizes, strict=True)),
-        {event: fits.sort_values("follower") for event, fits in followers.groupby("event_id", sort=False)},
+        _grouped(followers, by=["event_id"], order="follower", columns=_FIT_COLUMNS),
     )
+
+
+def _grouped(
+    frame: pd.DataFrame, *, by: list[str], order: str, columns: list[str]
+) -> dict[tuple[str, ...], Columns]:
+    """Columns of each group's rows, ordered. Slices of sorted arrays: a frame a group costs ten times as much."""
+    frame = frame.sort_values([*by, order], kind="stable")
+    arrays = {name: frame[name].to_numpy() for name in columns}
+    keys = list(zip(*(frame[name].tolist() for name in by), strict=True))
+    starts = [k for k in range(len(keys)) if k == 0 or keys[k] != keys[k - 1]]
+    return {
+        keys[first]: {name: values[first:stop] for name, values in arrays.items()}
+        for first, stop in zip(starts, [*starts[1:], len(keys)], strict=True)
+    }
 
 
 def _drivers(work: Path, fits: pd.DataFrame, settings: PlannerSettings) -> pd.DataFrame:
@@ -78,13 +97,6 @@ def _drivers(work: Path, fits: pd.DataFrame, settings: PlannerSettings) -> pd.Da
     if settings.parameters == "table3" or fitted.empty:
         return fits.assign(**dict(zip(columns, [*TABLE3_MEANS.as_array(), np.nan], strict=True)))
     return fits.assign(**fitted.mean())
-
-
-def _arrays(rows: pd.DataFrame) -> dict[str, FloatArray]:
-    ordered = rows.sort_values("t")
-    return {name: ordered[name].to_numpy(np.float64) for name in _COLUMNS} | {
-        "vehicle_id": ordered["vehicle_id"].to_numpy()[:1]
-    }
 
 
 def _scene(event: object, tables: _Recording, settings: ValidateSettings) -> Scene:
@@ -124,7 +136,7 @@ def _leader(event_id: str, role: str, tables: _Recording, settings: ValidateSett
     return _predicted(motion, free_road=settings.planner.leaders == "lcm")
 
 
-def _motion(track: dict[str, FloatArray], size: tuple[float, float], horizon: float) -> Motion:
+def _motion(track: Columns, size: tuple[float, float], horizon: float) -> Motion:
     """Recorded while in view, then at the last recorded speed."""
     grid, t = _grid(horizon), track["t"]
     observed = max(1, int(np.searchsorted(grid, t[-1] + 1e-9, side="right")))
@@ -159,15 +171,14 @@ def _followers(
     ego_length: float,
     settings: ValidateSettings,
 ) -> Followers:
-    fits = tables.fits[event_id]
+    fits = tables.fits[event_id,]
     recorded, sizes = [], []
     for rank in fits["follower"]:
         track = tables.tracks[event_id, names.target_follower(rank)]
         sizes.append(tables.sizes[int(track["vehicle_id"][0])])
         recorded.append(_motion(track, sizes[-1], settings.loss.horizon_s))
     length, width = np.array(sizes).T
-    first = fits.iloc[0]
-    no_change = target_leader.length if target_leader is not None else first["leader_length_m"]
+    L, behind = float(fits["L"][0]), float(fits["leader_length_m"][0])
     return Followers(
         x=np.array([m.x[0] for m in recorded]),
         y=np.array([m.y[0] for m in recorded]),
@@ -175,21 +186,21 @@ def _followers(
         length=length,
         width=width,
         parameters=_parameters(fits, [ego_length, *length[:-1]]),
-        L_no_change=moved_behind(first["L"], first["leader_length_m"], no_change),
+        L_no_change=moved_behind(L, behind, target_leader.length if target_leader is not None else behind),
         recorded=tuple(recorded),
         spread=np.array([[row.get(p, 0.0) for p in PARAMETERS] for row in map(dict, fits["spread"])]),
     )
 
 
-def _parameters(fits: pd.DataFrame, leader_lengths: list[float]) -> FloatArray:
+def _parameters(fits: Columns, leader_lengths: list[float]) -> FloatArray:
     """LCM of each follower, L moved behind its leader of the replay (= L_replay of a fit), shape (p, 6)."""
-    parameters = fits[list(PARAMETERS)].to_numpy(np.float64, copy=True)
+    parameters = np.stack([fits[name] for name in PARAMETERS], axis=1).astype(np.float64)
     old_and_new = zip(fits["L"], fits["leader_length_m"], leader_lengths, strict=True)
     parameters[:, -1] = [moved_behind(*lengths) for lengths in old_and_new]
     return parameters
 
 
-def _human(event: object, ego: dict[str, FloatArray], settings: PlannerSettings) -> Human:
+def _human(event: object, ego: Columns, settings: PlannerSettings) -> Human:
     """The recorded path, smoothed by a local cubic (Savitzky-Golay), and its derivatives at the grid's samples."""
     rate = float(event.frame_rate)
     grid = np.arange(round(event.duration_s / TIME_STEP) + 1) * TIME_STEP

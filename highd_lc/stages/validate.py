@@ -1,6 +1,7 @@
 """Validate: every event through the planner and the MPC, scored under every accounting; then the population."""
 
 from collections.abc import Iterator
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -9,6 +10,7 @@ import pandas as pd
 from highd_lc.algorithms import planner, scoring
 from highd_lc.algorithms.planner import Plan, PlanningProblem
 from highd_lc.algorithms.replay import Replay
+from highd_lc.algorithms.scoring import CumulativeLosses
 from highd_lc.algorithms.start_planner import plan_starts
 from highd_lc.algorithms.tracked_motion import loss_av, planned_motion, tracked_motion, violations
 from highd_lc.algorithms.tracker import track
@@ -74,10 +76,10 @@ def _event_rows(scene: Scene, job: Job, chosen: Samples) -> Iterator[tuple[str, 
     plans = planner.plan_all(problem)
     if scene.event_id in chosen.started:
         plans += plan_starts(problem)
-    unchanged = next(p for p in plans if p.policy == names.NO_LANE_CHANGE)
+    scores = _Scores(problem, next(p for p in plans if p.policy == names.NO_LANE_CHANGE))
     for plan in plans:
         yield "plans", _plan_row(problem, plan)
-        yield "losses", _loss_row(problem, plan, unchanged)
+        yield "losses", _loss_row(problem, plan, scores)
         if plan.accounting == names.PRIMARY_ACCOUNTING and plan.policy != names.NO_LANE_CHANGE:
             yield "tracking", _tracking_row(problem, plan)
     study = Study(problem, plans, job.settings.seed)
@@ -145,7 +147,38 @@ def _finite(value: float) -> float:
     return value if np.isfinite(value) else np.nan
 
 
-def _loss_row(problem: PlanningProblem, plan: Plan, unchanged: Plan) -> Row:
+@dataclass(frozen=True)
+class _Scores:
+    """Losses and safety of an event's replays, each computed once: accountings share them."""
+
+    problem: PlanningProblem
+    unchanged: Plan
+    found: dict[int, CumulativeLosses] = field(default_factory=dict)
+    safe: dict[tuple[int, int], dict[str, float]] = field(default_factory=dict)
+
+    def losses(self, replay: Replay) -> CumulativeLosses:
+        """Cumulative losses of a replay."""
+        if id(replay) not in self.found:
+            terms, loss = self.problem.terms, self.problem.settings.loss
+            self.found[id(replay)] = scoring.cumulative_losses(replay, terms, loss, self.problem.scene.dt)
+        return self.found[id(replay)]
+
+    def safety(self, plan: Plan, last: int) -> dict[str, float]:
+        """Safety of a plan's replay up to sample ``last``."""
+        key = id(plan.replay), last
+        if key not in self.safe:
+            lane = scoring.pairs(plan.replay, self.problem.packed, joins=plan.policy != names.NO_LANE_CHANGE)
+            self.safe[key] = scoring.safety(lane, last)
+        return self.safe[key]
+
+    def hv_unchanged(self, last: int) -> float:
+        """The followers' loss without a lane change, charged up to sample ``last``."""
+        losses = self.losses(self.unchanged.replay)
+        both = losses.hv_comfort[:, last] + losses.hv_efficiency[:, last]
+        return float(0.5 * self.problem.terms.weights @ both)
+
+
+def _loss_row(problem: PlanningProblem, plan: Plan, scores: _Scores) -> Row:
     row = {"policy": plan.policy, "accounting": plan.accounting, "recorded_n_samples": 0, "follower_n_samples": 0}
     if plan.replay is None:
         return row
@@ -153,24 +186,16 @@ def _loss_row(problem: PlanningProblem, plan: Plan, unchanged: Plan) -> Row:
     n, last = plan.replay.av.n, len(plan.replay.av.x) - 1
     _, charged = scoring.charged_samples(plan.accounting, n, last)
     row["follower_n_samples"] = len(plan.replay.x) * (charged + 1)
-    losses = scoring.cumulative_losses(plan.replay, terms, settings, dt)
+    losses = scores.losses(plan.replay)
     row |= scoring.losses_at(losses, plan.accounting, terms, n=n, dt=dt)
-    row["loss_hv_increment"] = row["loss_hv"] - _hv_loss(problem, unchanged.replay, charged)
+    row["loss_hv_increment"] = row["loss_hv"] - scores.hv_unchanged(charged)
     if plan.policy == names.HUMAN:
         recorded = problem.scene.followers.recorded
         row |= scoring.recorded_loss(recorded, losses, terms, settings, last=charged, dt=dt)
         row["av_comfort_raw"] = problem.scene.human.comfort_raw / settings.comfort_scale
-    lane = scoring.pairs(plan.replay, problem.packed, joins=plan.policy != names.NO_LANE_CHANGE)
-    row |= scoring.safety(lane, charged)
+    row |= scores.safety(plan, charged)
     row["peak_follower_decel"] = scoring.peak_deceleration(plan.replay.a, charged)
     return row
-
-
-def _hv_loss(problem: PlanningProblem, replay: Replay, last: int) -> float:
-    """The followers' loss of a replay charged up to sample ``last``."""
-    losses = scoring.cumulative_losses(replay, problem.terms, problem.settings.loss, problem.scene.dt)
-    both = losses.hv_comfort[:, last] + losses.hv_efficiency[:, last]
-    return float(0.5 * problem.terms.weights @ both)
 
 
 def _tracking_row(problem: PlanningProblem, plan: Plan) -> Row:
