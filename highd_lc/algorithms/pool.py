@@ -1,7 +1,6 @@
 """The pool of simulated candidates: who is feasible, what each goal makes of them, which is best."""
 
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -52,18 +51,10 @@ class Pool:
     def __len__(self) -> int:
         return len(self.n)
 
-    @cached_property
-    def _objectives(self) -> dict[Goal, FloatArray]:
-        """The goals' objectives that were asked for."""
-        return {}
-
     def joined(self, *others: "Pool") -> "Pool":
         """All pools in one, this one first."""
         pools = (self, *others)
-        joined = Pool(*(np.concatenate([getattr(p, f) for p in pools]) for f in self.__dataclass_fields__))
-        for goal in self._objectives:
-            joined._objectives[goal] = _frozen(np.concatenate([pool.objective(goal) for pool in pools]))
-        return joined
+        return Pool(*(np.concatenate([getattr(p, f) for p in pools]) for f in self.__dataclass_fields__))
 
     def chosen(self, index: IntArray) -> "Pool":
         """Some of the candidates."""
@@ -91,11 +82,8 @@ class Pool:
         return joint_objective(*self.losses(goal.accounting), goal.omega_av)
 
     def objective(self, goal: Goal) -> FloatArray:
-        """Joint objective of each candidate, infinite where infeasible. Computed once; not to be written to."""
-        if goal not in self._objectives:
-            value = np.where(self.feasible(goal.accounting), self.unconstrained(goal), np.inf)
-            self._objectives[goal] = _frozen(value)
-        return self._objectives[goal]
+        """Joint objective of each candidate, infinite where infeasible."""
+        return np.where(self.feasible(goal.accounting), self.unconstrained(goal), np.inf)
 
     def best(self, goal: Goal) -> int | None:
         """Index of the best feasible candidate, the first of equals; None if there is none."""
@@ -104,11 +92,6 @@ class Pool:
         objective = self.objective(goal)
         index = int(np.argmin(objective))
         return index if np.isfinite(objective[index]) else None
-
-
-def _frozen(values: FloatArray) -> FloatArray:
-    values.flags.writeable = False
-    return values
 
 
 @dataclass(frozen=True)
