@@ -164,14 +164,16 @@ def _drive_av(
             jerk = abs(state[w] * j_z + state[LANES + w] * j_q) + jy
             state[2 * LANES + w] += comfort * jerk + efficiency * max(short, -both_sides * short)
     after = 1.0 if scene.after_lcm else 0.0
+    # A plan that ends at H has no drive after T, hence no step onto it.
+    handover = comfort / dt if scene.counts_handover and n + 1 < len(scene.target_v) else 0.0
     for w in range(LANES):
-        state[3 * LANES + w] = state[2 * LANES + w]
         state[4 * LANES + w] = front[n * LANES + w]
         state[5 * LANES + w] = speed[n * LANES + w]
         spacing = scene.target_front[n] - front[n * LANES + w]
         state[6 * LANES + w] = after * lcm_acceleration(
             speed[n * LANES + w], spacing, scene.target_v[n], v_desire, A, b, B, tau, L
         )
+        state[3 * LANES + w] = state[2 * LANES + w] + handover * abs(state[6 * LANES + w])
     for k in range(n + 1, len(scene.target_v)):
         target, target_v = scene.target_front[k], scene.target_v[k]
         for w in range(LANES):

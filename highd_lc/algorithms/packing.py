@@ -30,7 +30,7 @@ class PackedScene(NamedTuple):
     leader_b (m,). follower_* (p,), parameters (p, 6), first_L: L of the first follower while it is behind the
     target leader. origin_follower: x, y, v, length, a, b, or empty. av_parameters (6,). weights (p,).
     from_crossing: whether the first follower follows the AV only from the crossing. after_lcm: the AV's drive
-    after T.
+    after T. counts_handover: whether the step of the AV's command onto that drive, from 0, is charged.
     """
 
     v0: float
@@ -60,6 +60,7 @@ class PackedScene(NamedTuple):
     weights: FloatArray
     from_crossing: bool
     after_lcm: bool
+    counts_handover: bool
 
 
 def pack(scene: Scene, settings: ValidateSettings) -> PackedScene:
@@ -99,6 +100,7 @@ def pack(scene: Scene, settings: ValidateSettings) -> PackedScene:
         weights=scene_weights(scene),
         from_crossing=settings.planner.leader_from == "crossing",
         after_lcm=settings.planner.after == "lcm",
+        counts_handover=settings.loss.handover == "counted",
     )
 
 

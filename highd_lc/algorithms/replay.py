@@ -123,7 +123,10 @@ def drive_on(
     n: int,
     scene: PackedScene,
 ) -> None:
-    """Fill the AV's motion after sample n: LCM behind the target leader, or constant speed."""
+    """Fill the AV's motion after sample n: LCM behind the target leader, or constant speed.
+
+    The step of the command onto this drive, from 0, is in the jerk of sample n + 1 if it is counted.
+    """
     dt = scene.dt
     v_desire, A, b, B, tau, L = scene.av_parameters
     half = scene.length / 2.0
@@ -135,6 +138,8 @@ def drive_on(
         ax[k] = command
         if k > n:
             jerk[k] = abs(command - ax[k - 1]) / dt
+        if k == n + 1 and scene.counts_handover:
+            jerk[k] += abs(ax[n]) / dt
         if k + 1 < len(x):
             vx[k + 1] = max(0.0, vx[k] + command * dt)
             x[k + 1] = x[k] + vx[k + 1] * dt

@@ -147,6 +147,10 @@ class LossSettings(Section):
     aggregation: Annotated[
         Literal["weighted", "sum"], Field(description="followers' losses weighted by equation 17, or summed")
     ] = "weighted"
+    handover: Annotated[
+        Literal["uncounted", "counted"],
+        Field(description="step of the AV's command onto its drive by LCM, at T: not counted (SPEC 4), or from 0"),
+    ] = "uncounted"
     omega_av: Annotated[
         float, Field(gt=0, lt=1, description="weight of the AV in the local optimum (paper: 0.5)")
     ] = 0.5

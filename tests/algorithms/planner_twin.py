@@ -68,6 +68,8 @@ def _av(n: IntArray, delta: FloatArray, change: FloatArray, scene: PackedScene, 
             a[:, i] = np.where(after, lcm(vx[:, i], spacing, scene.target_v[i], scene.av_parameters), 0.0)
         if i:
             jerk[:, i] = np.where(i > n, np.abs(a[:, i] - a[:, i - 1]) / scene.dt, jerk[:, i])
+            if scene.counts_handover:
+                jerk[:, i] += np.where(i == n + 1, np.abs(a[:, i - 1]) / scene.dt, 0.0)
         if i + 1 < len(k):
             v = np.maximum(vx[:, i] + a[:, i] * scene.dt, 0.0)
             vx[:, i + 1] = np.where(after, v, vx[:, i + 1])

@@ -68,6 +68,7 @@ def test_contacts_with_everybody_are_those_of_the_twin():
         {"loss": {"reference": "one-sided"}},
         {"loss": {"reference": "own"}},
         {"loss": {"aggregation": "sum"}},
+        {"loss": {"handover": "counted"}},
         {"loss": {"comfort_scale": 3.0, "efficiency_scale": 25.0, "v_ref_av": 30.0, "v_ref_hv": 25.0}},
         {"constraints": {"ellipse": "paper"}},
     ],

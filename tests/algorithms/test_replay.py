@@ -162,3 +162,13 @@ def test_without_a_target_leader_the_road_ahead_is_free():
     found = replay(plan_motion(plan, packed), packed)
     A, v_desire = packed.av_parameters[1], packed.av_parameters[0]
     np.testing.assert_allclose(found.av.ax[40:], A * (1 - found.av.vx[40:] / v_desire), rtol=1e-12)
+
+
+def test_the_step_onto_the_drive_after_the_plan_is_charged_where_it_is_counted():
+    counted = ValidateSettings.model_validate({"loss": {"handover": "counted"}})
+    _, _, without = played(1)
+    _, _, found = played(1, counted)
+    difference = found.av.jerk - without.av.jerk
+    assert difference[53] == pytest.approx(abs(found.av.ax[52]) / 0.1)
+    assert abs(found.av.ax[52]) > 0.1
+    assert np.count_nonzero(difference) == 1

@@ -14,7 +14,10 @@ from highd_lc.vocab import names
 from highd_lc.vocab.settings import LossSettings, ValidateSettings
 
 
-@pytest.fixture(params=[{}, {"reference": "one-sided"}, {"reference": "own"}, {"aggregation": "sum"}], ids=str)
+@pytest.fixture(
+    params=[{}, {"reference": "one-sided"}, {"reference": "own"}, {"aggregation": "sum"}, {"handover": "counted"}],
+    ids=str,
+)
 def scored(request):
     """A candidate of the pool, the same one replayed, and its losses."""
     settings = ValidateSettings.model_validate({"loss": request.param})
