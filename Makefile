@@ -37,8 +37,9 @@ scenarios: setup
 synthesize: setup
 	@$(HIGHD_LC) synthesize $(or $(OUT),data/synthetic)
 
+# A file's tests stay together: they share what is made once for all of them.
 test: $(VENV)/.set-up-dev
-	@$(BIN)/python -m pytest
+	@$(BIN)/python -m pytest --numprocesses $(WORKERS) --dist loadfile
 
 # All faults: 50 kills, 4 workers, more bad input; `test` holds the short form.
 test-faults: $(VENV)/.set-up-dev
