@@ -83,8 +83,8 @@ def _print_results(stage: str, options: Options) -> None:
 
 def _end_with_problems(outcome: Outcome) -> None:
     for problem in outcome.problems:
-        errors.print(f"{problem.stage}: {problem.message}", markup=False)
-    if outcome.problems:
+        errors.print(f"{'warning: ' * problem.warning}{problem.stage}: {problem.message}", markup=False)
+    if any(not problem.warning for problem in outcome.problems):
         raise typer.Exit(4)
 
 

@@ -44,7 +44,8 @@ def find_crossings(traffic: Traffic, rule: Rule, *, max_link_m: float, max_follo
 def _path(traffic: Traffic, vehicle: int) -> Path:
     span = traffic.index.span(vehicle)
     markings = traffic.markings[int(traffic.direction[vehicle])]
-    return Path(traffic.index.frame[span], traffic.lane[span], traffic.y[span], markings, traffic.rate)
+    vy = traffic.vy[span].astype(np.float64)
+    return Path(traffic.index.frame[span], traffic.lane[span], traffic.y[span], markings, traffic.rate, vy)
 
 
 def _crossing(traffic: Traffic, ego: int, change: LaneChange) -> Crossing:

@@ -12,7 +12,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from highd_lc.algorithms.lateral_motion import Path, Rule, first_rest, smoothed
+from highd_lc.algorithms.lateral_motion import Path, Rule, first_rest, leaves_moving, smoothed
 from highd_lc.algorithms.track_index import ABSENT, TIE
 from highd_lc.vocab import names
 
@@ -107,6 +107,7 @@ def _located(
     needed, crossing = 1 + round(rule.persistence_s * path.rate), change.crossing
     start = first_rest(towards, crossing - 1, crossing - begin, -1, begin == first, needed, limits)
     end = first_rest(towards, crossing, stop - crossing + 1, 1, stop == last, needed, limits)
+    start, end = (ABSENT if s != ABSENT and leaves_moving(path, rule, s) else s for s in (start, end))
     found = replace(change, start=start, end=end)
     if start == ABSENT and begin == first:
         return replace(found, reason=names.CUT_BEFORE_START if first == 0 else names.TRACK_HOLE)

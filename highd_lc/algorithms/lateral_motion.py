@@ -24,6 +24,13 @@ _SPEED_NOISE_SHARE = 1 / 6
 # Near the ends of a track the fit is one-sided and the speed less certain: one that exceeds the threshold by less
 # than this many standard deviations of the excess is still taken for near zero.
 _EDGE_DEVIATIONS = 1.5
+# With noisy positions that is generous: a vehicle that leaves the view in the middle of its change may pass for
+# one at rest. There the recorded lateral speed, averaged over the outermost samples, has a say; the slack above
+# the threshold lets pass who has all but arrived. Positions as good as HighD's decide alone.
+_NOISY_M = 0.01
+_OUTERMOST_S = 0.2
+_NEAR_EDGE_S = 0.5
+_EDGE_SPEED_SHARE = 1.15
 
 
 @dataclass(frozen=True)
@@ -48,7 +55,8 @@ class Rule:
 @dataclass(frozen=True)
 class Path:
     """One vehicle's samples: frame, lane (0 = outside), y [m, left positive], each of shape (n,). markings: y of
-    the carriageway's markings from its right edge on [m], ascending; rate: frames a second [Hz].
+    the carriageway's markings from its right edge on [m], ascending; rate: frames a second [Hz]. vy: recorded
+    lateral speed [m/s], shape (n,); None where there is none.
     """
 
     frame: IntArray
@@ -56,6 +64,7 @@ class Path:
     y: FloatArray
     markings: FloatArray
     rate: float
+    vy: FloatArray | None = None
 
     def marking(self, origin: int, target: int) -> float:
         """Lateral position of the marking between two adjacent lanes [m], lane 1 = rightmost."""
@@ -86,6 +95,19 @@ def smoothed(path: Path, rule: Rule) -> FloatArray:
     smooth[1] = np.sign(smooth[1]) * np.maximum(np.abs(smooth[1]) - slack, 0.0)
     smooth[2, gain > gain.min() * (1 + TIE)] = 0.0
     return smooth
+
+
+def leaves_moving(path: Path, rule: Rule, sample: int) -> bool:
+    """Whether a rest found at a sample is none: the track ends next to it, and its recorded speed says it moves.
+
+    Looked at only where the positions are noisy and a lateral speed is recorded.
+    """
+    after, n = len(path.y) - 1 - sample, len(path.y)
+    if path.vy is None or min(sample, after) >= _NEAR_EDGE_S * path.rate or white_noise(path.y) <= _NOISY_M:
+        return False
+    used = max(2, round(_OUTERMOST_S * path.rate))
+    outermost = path.vy[:used] if sample < after else path.vy[n - used :]
+    return abs(float(np.mean(outermost))) >= _EDGE_SPEED_SHARE * rule.speed - TIE
 
 
 @njit(cache=True, nogil=True)

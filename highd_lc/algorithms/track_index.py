@@ -84,15 +84,16 @@ class TrackIndex:
 class Traffic:
     """All vehicles of a recording in road coordinates.
 
-    x, y: box centres [m]; lane: 0 = outside the markings; leader_id: recorded leader, 0 = none; each of shape
-    (rows,), in the rows of ``index``. ids, direction (1 or 2), length [m]: of shape (vehicles,). markings: y of
-    the lane markings from the right edge on [m], of each direction; entry, stop: first and last x used for
-    calibration [m], indexed by direction. rate: frames a second [Hz].
+    x, y: box centres [m]; vy: lateral speed [m/s]; lane: 0 = outside the markings; leader_id: recorded leader,
+    0 = none; each of shape (rows,), in the rows of ``index``. ids, direction (1 or 2), length [m]: of shape
+    (vehicles,). markings: y of the lane markings from the right edge on [m], of each direction; entry, stop: first
+    and last x used for calibration [m], indexed by direction. rate: frames a second [Hz].
     """
 
     index: TrackIndex
     x: FloatArray
     y: FloatArray
+    vy: NDArray[np.float32]
     lane: IntArray
     leader_id: IntArray
     ids: IntArray

@@ -21,12 +21,16 @@ Array = NDArray[np.float64] | NDArray[np.int64] | NDArray[np.str_]
 
 @dataclass(frozen=True)
 class Field:
-    """A column of a CSV file: whole number, number or text, and the range that a sane file keeps."""
+    """A column of a CSV file: whole number, number or text, and the range that a sane file keeps.
+
+    optional: a number that the file may lack; it is NaN then.
+    """
 
     name: str
     kind: type[int] | type[float] | type[str]
     low: float = -np.inf
     high: float = np.inf
+    optional: bool = False
 
     def fault(self, text: str) -> str | None:
         """Why the text cannot be this field's value, or None."""
@@ -64,7 +68,10 @@ def read_columns(path: Path, fields: Sequence[Field]) -> dict[str, Array]:
     or torn, a column is missing or doubled, or a cell is not what its field says.
     """
     header = _checked_header(path, fields)
-    return _read_plain(path, header, fields) or _read_general(path, header, fields)
+    present = [field for field in fields if field.name in header]
+    columns = _read_plain(path, header, present) or _read_general(path, header, present)
+    unknown = np.full(len(columns[present[0].name]), np.nan)
+    return {field.name: columns.get(field.name, unknown) for field in fields}
 
 
 def _read_plain(path: Path, header: list[str], fields: Sequence[Field]) -> dict[str, Array] | None:
@@ -118,10 +125,12 @@ def _read_leniently(path: Path, header: list[str], fields: Sequence[Field], firs
 
 
 def _to_numpy(column: pa.ChunkedArray, field: Field) -> Array:
+    if field.kind is str:
+        return pc.utf8_trim_whitespace(column).to_numpy().astype(np.str_)
     values = pc.fill_null(column, np.nan) if pa.types.is_floating(column.type) else column
     if pa.types.is_integer(column.type) and column.null_count:
         return column.cast(pa.float64()).to_numpy()
-    return values.to_numpy().astype(np.str_) if field.kind is str else values.to_numpy()
+    return values.to_numpy()
 
 
 def _is_faulty(values: Array, field: Field) -> bool:
@@ -139,7 +148,7 @@ def _checked_header(path: Path, fields: Sequence[Field]) -> list[str]:
     if not any(header):
         raise fault(path, "empty file")
     for field in fields:
-        if header.count(field.name) != 1:
+        if header.count(field.name) != 1 and not (field.optional and field.name not in header):
             text = "is missing" if field.name not in header else "is there more than once"
             raise fault(path, text, column=field.name)
     return header

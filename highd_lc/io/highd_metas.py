@@ -30,9 +30,9 @@ _VEHICLE_FIELDS = (
     Field("numFrames", int, 0, LARGEST_FRAME),
     Field("class", str),
     Field("drivingDirection", int, 1, 2),
-    Field("traveledDistance", float, -1e6, 1e6),
-    Field("minDHW", float),
-    Field("minTHW", float),
+    Field("traveledDistance", float, -1e6, 1e6, optional=True),
+    Field("minDHW", float, optional=True),
+    Field("minTHW", float, optional=True),
     Field("numLaneChanges", int, 0, LARGEST_FRAME),
 )
 
@@ -52,7 +52,8 @@ class VehicleMetas:
     """A line a vehicle, ascending by id, each of shape (vehicles,).
 
     length, width [m] (HighD calls them width and height); vehicle_class: Car or Truck; travelled [m];
-    min_gap [m], min_time_gap [s]: smallest of the track, -1 = never behind a leader.
+    min_gap [m], min_time_gap [s]: smallest of the track, -1 = never behind a leader. The last three serve
+    cross-checks alone: NaN where the file has no such column.
     """
 
     id: IntArray
@@ -87,7 +88,7 @@ def read_recording_meta(path: Path) -> RecordingMeta:
 
 def _markings(path: Path, column: str, text: str) -> FloatArray:
     try:
-        values = np.array([float(cell) for cell in text.split(";")])
+        values = np.array([float(cell) for cell in text.strip().removesuffix(";").split(";")])
     except ValueError:
         raise fault(path, f"{text[:60]!r} is no list of numbers separated by ';'", column=column, row=2) from None
     if len(values) < 2 or not np.all(np.isfinite(values)) or not np.all(np.diff(values) > 0):

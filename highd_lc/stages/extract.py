@@ -64,6 +64,7 @@ def _load(job: Job) -> _Recording:
         index=TrackIndex.of(tracks.vehicle_id, tracks.frame),
         x=tracks.x,
         y=tracks.y,
+        vy=tracks.vy,
         lane=tracks.lane,
         leader_id=tracks.leader_id,
         ids=vehicles["vehicle_id"].to_numpy(),

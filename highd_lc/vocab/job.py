@@ -45,11 +45,12 @@ class Combination:
 
 @dataclass(frozen=True)
 class Problem:
-    """Something that was skipped and why: shown at the end, exit code 4."""
+    """Something that was skipped and why: shown at the end, exit code 4. warning: nothing was, it is only told."""
 
     recording: int
     stage: str
     message: str
+    warning: bool = False
 
 
 @dataclass(frozen=True)

@@ -204,3 +204,30 @@ def test_small_shift_is_refused():
     y = LANE - 0.6 + 1.2 * u**3 * (10 - 15 * u + 6 * u**2)
     found = find_lane_changes(Path(np.arange(1, 301), 1 + (y >= LANE).astype(np.int64), y, MARKINGS, 25.0), rule)
     assert reasons(found) == [names.SMALL_SHIFT]
+
+
+@pytest.mark.parametrize("side", ["before", "after"])
+def test_who_leaves_the_view_moving_has_not_arrived_however_noisy_the_positions(side):
+    start, duration = 4.0, 5.0
+    found = []
+    for seed in range(40):
+        whole = path(12.0, (start, duration, 1), noise=0.05, rng=np.random.default_rng(seed))
+        t = (whole.frame - 1) / 25.0
+        u = np.clip((t - start) / duration, 0, 1)
+        vy = LANE / duration * 30 * u**2 * (1 - u) ** 2
+        seen = (
+            t <= moving(start, duration, speed=0.4)[1]
+            if side == "after"
+            else t >= moving(start, duration, speed=0.4)[0]
+        )
+        cut = replace(whole, frame=whole.frame[seen], lane=whole.lane[seen], y=whole.y[seen])
+        found.append([reasons(find_lane_changes(replace(cut, vy=v), RULE)) for v in (None, vy[seen])])
+    reason = names.CUT_AFTER_END if side == "after" else names.CUT_BEFORE_START
+    assert all(with_speed == [reason] for _, with_speed in found)
+    assert any(without == [""] for without, _ in found)
+
+
+def test_the_recorded_speed_changes_nothing_where_positions_are_good():
+    whole = path(12.0, (4.0, 5.0, 1))
+    moving_on = replace(whole, vy=np.full(len(whole.y), 0.4))
+    assert find_lane_changes(whole, RULE) == find_lane_changes(moving_on, RULE)

@@ -86,6 +86,21 @@ def test_text_columns_refuse_empty_cells(tmp_path):
         read_columns(written(tmp_path, "n,x,word\n1,2,\n"), fields)
 
 
+def test_text_is_read_without_the_space_around_it(tmp_path):
+    found = read_columns(written(tmp_path, "n,x,word\n1,2, Car \n"), (*FIELDS, Field("word", str)))
+    assert found["word"].tolist() == ["Car"]
+
+
+def test_an_optional_column_may_be_missing_but_not_faulty(tmp_path):
+    fields = (*FIELDS, Field("z", float, optional=True))
+    found = read_columns(written(tmp_path, "n,x\n1,2\n3,4\n"), fields)
+    assert np.isnan(found["z"]).all()
+    assert found["z"].shape == (2,)
+    for text, fault in (("n,x,z\n1,2,a\n", "row 2, column 'z'"), ("n,x,z,z\n1,2,3,4\n", "more than once")):
+        with pytest.raises(InputError, match=fault):
+            read_columns(written(tmp_path, text), fields)
+
+
 def test_header_alone_gives_no_rows(tmp_path):
     assert len(read_columns(written(tmp_path, "n,x\n"), FIELDS)["n"]) == 0
 

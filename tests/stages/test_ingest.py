@@ -65,23 +65,38 @@ def test_vehicles_are_those_of_the_metas(data, tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("column", "change", "word"),
+    ("column", "change", "word", "warning"),
     [
-        ("numLaneChanges", lambda v: v + 1, "lane_changes"),
-        ("minDHW", lambda v: v + 0.2, "min_gap"),
-        ("minTHW", lambda v: v + 0.2, "min_time_gap"),
-        ("traveledDistance", lambda v: v * 2, "travelled"),
-        ("numFrames", lambda v: v - 1, "n_frames"),
+        ("numLaneChanges", lambda v: v + 1, "lane_changes", False),
+        ("minDHW", lambda v: v + 0.2, "min_gap", True),
+        ("minTHW", lambda v: v + 0.2, "min_time_gap", True),
+        ("traveledDistance", lambda v: v * 2, "travelled", True),
+        ("numFrames", lambda v: v - 1, "n_frames", False),
     ],
 )
-def test_metas_that_say_otherwise_are_loud(data, tmp_path, column, change, word):
+def test_metas_that_say_otherwise_are_loud(data, tmp_path, column, change, word, warning):
     edit(data, "tracksMeta", **{column: change})
     report = running.ingested(data, tmp_path)
     assert report.problems
     assert all(re.search(word, problem.message) for problem in report.problems)
+    assert all(problem.warning == warning for problem in report.problems)
     quality = artefacts.read_part(tmp_path, "ingest", "recordings", 1)
     assert (quality[f"share_{word}"] < 1).all()
     assert quality["failed_checks"].map(len).sum() == len(report.problems)
+
+
+@pytest.mark.parametrize(("column", "word"), [("traveledDistance", "travelled"), ("minDHW", "min_gap")])
+def test_without_its_column_a_check_is_unavailable_and_nothing_fails(data, tmp_path, column, word):
+    path = data / "01_tracksMeta.csv"
+    pd.read_csv(path).drop(columns=column).to_csv(path, index=False)
+    report = running.ingested(data, tmp_path)
+    assert not report.problems
+    assert artefacts.read_part(tmp_path, "ingest", "recordings", 1)[f"share_{word}"].isna().all()
+
+
+def test_markings_may_end_with_a_semicolon(data, tmp_path):
+    edit(data, "recordingMeta", upperLaneMarkings=lambda v: v + ";", lowerLaneMarkings=lambda v: v + "; ")
+    assert not running.ingested(data, tmp_path).problems
 
 
 def swapped(frame, one, other):
