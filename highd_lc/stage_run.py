@@ -55,7 +55,8 @@ class StageRun:
         combined = None if pending else self._records.finished(self.name, together)
         if combined is None:
             combined = self._combine_anew(tuple(sorted(finished)), together)
-        outcome.counts[self.name] = _totals([*reports.values(), combined])
+        # What the artefacts hold is what the recordings' parts hold: counted once.
+        outcome.counts[self.name] = _totals(reports.values()) | combined.counts
         # What follows a combination depends on all recordings (class pools), not only on its own.
         everybody = self.name == "calibrate"
         return {r: digest(key, together) if everybody else key for r, key in finished.items()}

@@ -35,15 +35,20 @@ def hodges_lehmann(values: FloatArray) -> float:
     if len(values) == 0:
         return np.nan
     x = np.sort(values)
-    n = len(x)
+    pairs = len(x) * (len(x) + 1) // 2
+    middle = {(pairs + 1) // 2, pairs // 2 + 1}  # one rank, or the two whose mean is the median
+    return float(np.mean([_pair_mean(x, rank) for rank in middle]))
+
+
+def _pair_mean(x: FloatArray, rank: int) -> float:
+    """The pair mean of that rank, counted from 1; x ascending."""
     low, high = float(x[0]), float(x[-1])
-    half = (n * (n + 1) // 2 + 1) // 2
     for _ in range(80):
         level = 0.5 * (low + high)
         # Pairs i <= j with x_i + x_j <= 2 level: counted over all ordered pairs, diagonal once more.
         below = np.searchsorted(x, 2.0 * level - x, side="right")
         pairs = (int(below.sum()) + int((x <= level).sum())) // 2
-        low, high = (low, level) if pairs >= half else (level, high)
+        low, high = (low, level) if pairs >= rank else (level, high)
     return high
 
 

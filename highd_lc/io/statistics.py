@@ -89,13 +89,21 @@ def situations(work: Path) -> pd.DataFrame:
 def strata(events: pd.DataFrame) -> dict[str, pd.Series]:
     """Which events belong to each stratum: all, and the classes of each stratification (SPEC section 12).
 
-    events: one row an event, with ego_class, direction, n_followers, spacing_m (ego to first follower, front to
-    front), closing_mps (first follower minus ego) and speed_mps (ego) at t_start.
+    events: one row an event, with ego_class, direction, n_followers, target_leader_id, leader_leaves_s, spacing_m
+    (ego to first follower, front to front), closing_mps (first follower minus ego), speed_mps (ego) at t_start.
     """
     found = {"all": pd.Series(True, index=events.index)}
     for column, label in (("ego_class", "class"), ("direction", "direction"), ("n_followers", "followers")):
         for value in sorted(events[column].unique()):
             found[f"{label}={value}"] = events[column] == value
+    leaves = events["leader_leaves_s"].notna()
+    for label, members in (
+        ("leader=none", events["target_leader_id"].isna()),
+        ("leader=stays", events["target_leader_id"].notna() & ~leaves),
+        ("leader=leaves its lane", leaves),
+    ):
+        if members.any():
+            found[label] = members
     for column, label, bins in (
         ("spacing_m", "spacing", _SPACINGS),
         ("closing_mps", "closing", _CLOSING),

@@ -170,7 +170,19 @@ def _roles(recording: _Recording, event: Crossing) -> dict[str, object]:
         "target_leader_id": _id(recording, roles.target_leader),
         "follower_ids": [int(recording.traffic.ids[follower]) for follower in roles.followers],
         "roles_confirmed": roles.confirmed,
+        "leader_leaves_s": _leader_leaves(recording.traffic, event),
     }
+
+
+def _leader_leaves(traffic: Traffic, event: Crossing) -> float:
+    """When the target leader is first seen off the target lane after t_start [s], NaN if never or nobody leads."""
+    leader = event.roles.target_leader
+    if leader == NOBODY:
+        return float("nan")
+    first, stop = traffic.index.row(leader, event.start_frame), traffic.index.span(leader).stop
+    off = np.flatnonzero(traffic.lane[first:stop] != event.change.target)
+    frame = traffic.index.frame[first + off[0]] if len(off) else float("nan")
+    return float(frame - event.start_frame) / traffic.rate
 
 
 def _gap(traffic: Traffic, frame: int, ahead: int, behind: int) -> float:

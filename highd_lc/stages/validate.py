@@ -111,6 +111,7 @@ def _plan_row(problem: PlanningProblem, plan: Plan) -> Row:
         "margins": {name: float(margin) for name, margin in plan.margins.items() if np.isfinite(margin)},
         "violations": _violated(plan),
         "contact_after_T": None if plan.replay is None else bool((plan.replay.clearance_after_T < 0.0).any()),
+        "braking_after_T": _braking_afterwards(plan),
         "start_acceleration_jump": problem.scene.a0,
         "objective": plan.objective,
     }
@@ -125,7 +126,19 @@ def _shape(problem: PlanningProblem, plan: Plan) -> Row:
         return {"T": q.T, "x_final": q.x_final, "v_end": q.v_end, "v_start": q.v0}
     av = plan.replay.av
     T = round(av.n * problem.scene.dt, 10)
-    return {"T": T, "x_final": float(av.x[av.n]), "v_end": float(av.vx[av.n]), "v_start": float(av.vx[0])}
+    return {
+        "T": T,
+        "x_final": float(av.x[av.n] - av.x[0]),
+        "v_end": float(av.vx[av.n]),
+        "v_start": float(av.vx[0]),
+    }
+
+
+def _braking_afterwards(plan: Plan) -> float:
+    """Strongest braking of the AV in its drive after T [m/s^2, positive], NaN without a plan or a drive."""
+    if plan.replay is None or plan.replay.av.n + 1 >= len(plan.replay.av.ax):
+        return np.nan
+    return float(max(0.0, -plan.replay.av.ax[plan.replay.av.n :].min()))
 
 
 def _at_bound(problem: PlanningProblem, plan: Plan) -> list[str]:

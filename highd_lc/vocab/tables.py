@@ -13,7 +13,7 @@ from highd_lc.vocab.lcm_parameters import PARAMETERS, UNITS
 from highd_lc.vocab.scenario_tables import SCENARIO_TABLES
 from highd_lc.vocab.study_tables import STUDY_TABLES
 
-SCHEMA_VERSION: Final = 1
+SCHEMA_VERSION: Final = 2
 
 _RECORDING = Column("recording_id", "int64", "number in the recording's file name", minimum=0)
 _EVENT = _word("event_id", "RR-VVVV-FFFFF: recording, ego, crossing frame")
@@ -135,12 +135,26 @@ EVENTS = Table(
         _number("lateral_shift_m", "D: y at end_frame minus y at start_frame, left positive", "m", nullable=False),
         _number("peak_lateral_speed_mps", "largest smoothed lateral speed towards the target", "m/s"),
         Column("origin_leader_id", "int64", "ahead on the origin lane at t_start; null = none", "", True, 1),
-        Column("origin_follower_id", "int64", "behind on the origin lane at t_start; null = none", "", True, 1),
+        Column(
+            "origin_follower_id",
+            "int64",
+            "behind on the origin lane at t_start, within max_link_m; null = none",
+            "",
+            True,
+            1,
+        ),
         Column("target_leader_id", "int64", "ahead on the target lane at t_start; null = none", "", True, 1),
         Column("follower_ids", "list<int64>", "followers on the target lane at t_start, nearest first"),
         _number("gap_ahead_m", "bumper to bumper, to the target leader at t_start; null without one", "m"),
         _number("gap_behind_m", "bumper to bumper, from the first target follower at t_start", "m"),
         Column("roles_confirmed", "bool", "whether the file's leader ids say the same of all roles"),
+        _number(
+            "leader_leaves_s",
+            "when, from t_start, the target leader is first seen off the target lane; it is followed on all the "
+            "same. Null: never while in view, or no leader",
+            "s",
+            minimum=0,
+        ),
     ),
 )
 
@@ -215,13 +229,18 @@ PLANS = Table(
         _number("v_start", "speed at the manoeuvre's start; null when infeasible", "m/s"),
         _word("gap", "recorded, behind a follower that passes, ahead of the target leader; empty = infeasible"),
         _word("status", "outcome of the planner", names.PLAN_STATUSES),
-        Column("at_bound", "list<string>", "unknowns that sit on a bound of the search"),
+        Column(
+            "at_bound", "list<string>", "T or delay_s on a bound of the search; constraints with no margin left"
+        ),
         Column("rejected_by", "map<string,int64>", "candidates that each constraint rejected"),
         Column("candidates", "int64", "candidates looked at", minimum=0),
         _number("min_clearance_m", "smallest distance between ellipses over the accounted time", "m"),
         Column("margins", "map<string,float64>", "margin of each constraint; the closest one when infeasible"),
         Column("violations", "list<string>", "constraints that a reference policy violates"),
         Column("contact_after_T", "bool", "whether ellipses overlap between T and H", "", True),
+        _number(
+            "braking_after_T", "strongest braking of the AV between T and H, positive; no limit holds it", "m/s²"
+        ),
         _number("start_acceleration_jump", "recorded acceleration at t_start minus the plan's 0", "m/s²"),
         _number("objective", "joint objective that the policy minimised", minimum=0),
     ),
@@ -253,10 +272,18 @@ LOSSES = Table(
         _count("recorded_n_samples", "follower samples behind loss_hv_recorded"),
         _count("follower_n_samples", "follower samples charged; 0 when infeasible"),
         _number("av_comfort_raw", "AV's comfort from the recorded, unsmoothed path (human only)", minimum=0),
-        _number("min_gap_m", "smallest gap of a target-lane pair", "m"),
+        _number(
+            "min_gap_m", "smallest gap of a target-lane pair; negative: side by side at the AV's crossing", "m"
+        ),
         _number("min_time_headway_s", "smallest time headway of a target-lane pair", "s"),
-        _number("min_ttc_s", "smallest time to collision of a target-lane pair; null if none closes", "s"),
-        _number("max_drac", "largest deceleration rate to avoid a crash", "m/s²"),
+        _number(
+            "min_ttc_s", "smallest time to collision of a target-lane pair at a positive gap; null if none", "s"
+        ),
+        _number(
+            "max_drac",
+            "largest deceleration rate to avoid a crash, at a positive gap; null if none closes in",
+            "m/s²",
+        ),
         _number("peak_follower_decel", "strongest braking of a follower, positive", "m/s²"),
     ),
 )

@@ -116,6 +116,18 @@ def test_roles_are_those_of_the_drivers(known):
     assert events["roles_confirmed"].mean() > 0.9
 
 
+def test_a_target_leader_that_leaves_its_lane_is_named_with_its_time(known):
+    scene, tables = known
+    tracks, left = tables["tracks"], 0
+    for event in tables["events"].itertuples():
+        own = tracks[(tracks["vehicle_id"] == event.target_leader_id) & (tracks["frame"] >= event.start_frame)]
+        off = own.loc[own["lane"] != event.target_lane, "frame"]
+        wanted = (off.min() - event.start_frame) / scene.rate if len(off) else np.nan
+        np.testing.assert_allclose(event.leader_leaves_s, wanted)
+        left += len(off) > 0
+    assert left > 0
+
+
 def test_funnel_adds_up(known):
     scene, tables = known
     crossings, events = tables["crossings"], tables["events"]
