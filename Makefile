@@ -54,7 +54,8 @@ check: $(VENV)/.set-up-dev
 bench: $(VENV)/.set-up-dev
 	@for file in benchmarks/bench_*.py; do echo "== $$file"; $(BIN)/python $$file || exit 1; done
 
-# HighD's size, synthesized: about 5 GB in a temporary folder. ARGS="--recordings 6" tries a part of it.
+# HighD's size, synthesized: about 6 GB in a temporary folder. ARGS="--recordings 6" tries a part of it,
+# ARGS="--recordings 6 15 30 60 --cases fixed-ga fixed-screen" shows the growth.
 bench-full: $(VENV)/.set-up-dev
 	@$(BIN)/python benchmarks/full_scale.py --workers $(WORKERS) $(ARGS)
 

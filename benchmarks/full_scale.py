@@ -1,6 +1,11 @@
 """A data set of HighD's size through the whole pipeline: time, CPU, memory and bytes of each stage, as markdown.
 
-    python benchmarks/full_scale.py [--recordings 60] [--seconds 1000] [--pipeline highd] [--workers 2] [--keep]
+    python benchmarks/full_scale.py [--recordings 6 15 30 60] [--cases default fixed-ga fixed-screen]
+                                    [--seconds 1000] [--workers 2] [--folder FOLDER] [--keep]
+
+The recordings are synthesized once; a smaller number takes the first of them. Cases: ``default`` is the pipeline
+highd as it is shipped, to the report; the others stop after validate and plan the fixed form alone, without the
+studies on samples, with the GA or the screen as the optimiser of the calibration.
 
 Each stage is a command of its own (its start-up included), so that its processes can be added up, workers and
 all: CPU time as it stood when each process was last seen, memory as the largest sum of what was in use at one
@@ -18,7 +23,19 @@ import time
 from dataclasses import dataclass, field
 from pathlib import Path
 
-STAGES = ("synthesize", "ingest", "extract", "calibrate", "validate", "report")
+from highd_lc.io.settings import pipelines_folder
+
+STAGES = ("ingest", "extract", "calibrate", "validate", "report")
+CASES = ("default", "fixed-ga", "fixed-screen")
+_FIXED_FORM = {
+    "free_form": "false",
+    "start": '"none"',
+    "sample": "0",
+    "start_sample": "0",
+    "foresight_sample": "0",
+    "solver_sample": "0",
+    "multibody_sample": "0",
+}
 _SAMPLE_SECONDS = 0.1
 
 
@@ -32,43 +49,74 @@ class Usage:
 
 
 def main() -> None:
+    """Synthesize, then run every case at every number of recordings; print a table of each."""
     arguments = _arguments()
     folder = Path(arguments.folder or tempfile.mkdtemp(prefix="highd_lc_full_"))
     try:
-        rows = [(stage, *_measured(stage, folder, arguments)) for stage in STAGES]
+        _synthesize(folder / "data", arguments)
+        for case in arguments.cases:
+            for count in arguments.recordings:
+                print(_run(case, count, folder, arguments), flush=True)
     finally:
         if not (arguments.keep or arguments.folder):
             shutil.rmtree(folder)
-    print(_table(rows, arguments))
 
 
 def _arguments() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--recordings", type=int, default=60)
+    parser.add_argument("--recordings", type=int, nargs="+", default=[60], help="how many; several: growth")
+    parser.add_argument("--cases", nargs="+", choices=CASES, default=["default"])
     parser.add_argument("--seconds", type=float, default=1000.0, help="length of a recording (HighD: 1000 s)")
-    parser.add_argument("--pipeline", default="highd", help="shipped name or TOML file")
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--folder", help="where to work and leave everything; default: temporary")
     parser.add_argument("--keep", action="store_true", help="leave the temporary folder")
     return parser.parse_args()
 
 
-def _measured(stage: str, folder: Path, arguments: argparse.Namespace) -> tuple[Usage, int]:
-    """Carry out a stage: what it took, and the bytes that it left."""
-    before = _size(folder)
-    usage = _watched(_command(stage, folder, arguments))
-    return usage, _size(folder) - before
+def _synthesize(data: Path, arguments: argparse.Namespace) -> None:
+    if data.exists():
+        return
+    amount = ["--recordings", str(max(arguments.recordings)), "--seconds", str(arguments.seconds)]
+    usage = _watched([*_PROGRAM, "synthesize", str(data), *amount, "--workers", str(arguments.workers)])
+    print(f"synthesized in {usage.seconds:.0f} s, {_size(data) / 1e9:.2f} GB; {_machine(arguments)}\n", flush=True)
 
 
-def _command(stage: str, folder: Path, arguments: argparse.Namespace) -> list[str]:
-    program = [sys.executable, "-c", "from highd_lc.cli import main; main()", stage]
-    if stage == "synthesize":
-        amount = ["--recordings", arguments.recordings, "--seconds", arguments.seconds]
-        amount += ["--workers", arguments.workers]
-        return [*program, str(folder / "data"), *map(str, amount)]
-    folders = ["--data", folder / "data", "--work", folder / "work", "--reports", folder / "reports"]
-    options = ["--pipeline", arguments.pipeline, "--workers", arguments.workers]
-    return [*program, *map(str, folders), *map(str, options)]
+_PROGRAM = [sys.executable, "-c", "from highd_lc.cli import main; main()"]
+
+
+def _run(case: str, count: int, folder: Path, arguments: argparse.Namespace) -> str:
+    """All stages of a case on the first recordings: the table."""
+    place = folder / f"{case}-{count}"
+    shutil.rmtree(place, ignore_errors=True)
+    _linked(folder / "data", place / "data", count)
+    options = ["--data", place / "data", "--work", place / "work", "--reports", place / "reports"]
+    options += ["--pipeline", _pipeline(case, place), "--workers", arguments.workers]
+    rows = []
+    for stage in STAGES if case == "default" else STAGES[:-1]:
+        before = _size(place)
+        usage = _watched([*_PROGRAM, stage, *map(str, options)])
+        rows.append((stage, usage, _size(place) - before))
+    return _table(case, count, rows)
+
+
+def _linked(data: Path, place: Path, count: int) -> None:
+    """The first recordings in a folder of their own."""
+    place.mkdir(parents=True)
+    for path in data.glob("*_*.csv"):
+        if int(path.name.split("_")[0]) <= count:
+            (place / path.name).symlink_to(path.resolve())
+
+
+def _pipeline(case: str, place: Path) -> Path:
+    """The shipped pipeline highd, with the case's settings."""
+    optimiser = '"screen"' if case == "fixed-screen" else '"ga"'
+    changes = {} if case == "default" else {**_FIXED_FORM, "optimiser": optimiser}
+    lines = (pipelines_folder() / "highd.toml").read_text(encoding="utf-8").splitlines()
+    keys = [line.split(" = ")[0] for line in lines]
+    changed = [f"{k} = {changes[k]}" if k in changes else line for k, line in zip(keys, lines, strict=True)]
+    path = place / "pipeline.toml"
+    path.write_text("\n".join(changed), encoding="utf-8")
+    return path
 
 
 @dataclass
@@ -133,11 +181,9 @@ def _size(folder: Path) -> int:
     return sum(path.stat().st_size for path in folder.rglob("*") if path.is_file()) if folder.exists() else 0
 
 
-def _table(rows: list[tuple[str, Usage, int]], arguments: argparse.Namespace) -> str:
+def _table(case: str, count: int, rows: list[tuple[str, Usage, int]]) -> str:
     lines = [
-        f"{arguments.recordings} recordings of {arguments.seconds:g} s, pipeline {arguments.pipeline}, "
-        f"{arguments.workers} workers; {os.cpu_count()} CPUs ({_processor()}), "
-        f"Python {platform.python_version()}.",
+        f"{case}, {count} recordings:",
         "",
         "| stage | time [s] | CPU [s] | peak memory [MB] | written [MB] |",
         "|---|---:|---:|---:|---:|",
@@ -146,12 +192,16 @@ def _table(rows: list[tuple[str, Usage, int]], arguments: argparse.Namespace) ->
         lines.append(
             f"| {stage} | {usage.seconds:.1f} | {usage.cpu:.1f} | {usage.memory / 1e6:.0f} | {size / 1e6:.1f} |"
         )
-    pipeline = rows[1:]
-    seconds, cpu = (sum(getattr(usage, name) for _, usage, _ in pipeline) for name in ("seconds", "cpu"))
-    memory = max(usage.memory for _, usage, _ in pipeline)
-    size = sum(size for *_, size in pipeline)
-    total = f"| ingest to report | {seconds:.1f} | {cpu:.1f} | {memory / 1e6:.0f} | {size / 1e6:.1f} |"
-    return "\n".join([*lines, total])
+    seconds, cpu = (sum(getattr(usage, name) for _, usage, _ in rows) for name in ("seconds", "cpu"))
+    memory, size = max(usage.memory for _, usage, _ in rows), sum(size for *_, size in rows)
+    lines.append(f"| all | {seconds:.1f} | {cpu:.1f} | {memory / 1e6:.0f} | {size / 1e6:.1f} |\n")
+    return "\n".join(lines)
+
+
+def _machine(arguments: argparse.Namespace) -> str:
+    return (
+        f"{arguments.workers} workers, {os.cpu_count()} CPUs ({_processor()}), Python {platform.python_version()}"
+    )
 
 
 def _processor() -> str:

@@ -16,8 +16,6 @@ from highd_lc.stage_run import STAGES, StageRun
 from highd_lc.vocab.job import JobReport, Options, Outcome
 from highd_lc.vocab.settings import Settings
 
-_MODULES = [f"highd_lc.stages.{stage}" for stage in STAGES]
-
 
 def run(settings: Settings, options: Options, *, last: str, console: Console) -> Outcome:
     """Run the pipeline's stages up to ``last``.
@@ -51,11 +49,12 @@ def _absolute(options: Options) -> Options:
 
 def _run_stages(settings: Settings, options: Options, data: Path, *, last: str, console: Console) -> Outcome:
     recordings = highd.discover(data)
-    with _execution(options, len(recordings)) as execution:
+    stages = [stage for stage in settings.stages if STAGES.index(stage) <= STAGES.index(last)]
+    with _execution(options, len(recordings), stages) as execution:
         inputs = find_inputs(data, options.work, verify=options.verify)
         workspace.drop_other_recordings(options.work, inputs.keys)
         outcome, keys = Outcome(list(inputs.problems)), inputs.keys
-        for name in (s for s in settings.stages if STAGES.index(s) <= STAGES.index(last)):
+        for name in stages:
             started = time.perf_counter()
             keys = StageRun(name, settings, options, inputs, keys).bring_up_to_date(execution, outcome, console)
             seconds = time.perf_counter() - started
@@ -87,12 +86,13 @@ def _synthesize(settings: Settings, options: Options, console: Console) -> Path:
     return folder
 
 
-def _execution(options: Options, recordings: int) -> Execution:
+def _execution(options: Options, recordings: int, stages: list[str]) -> Execution:
     """A Dask cluster, local processes, or this process."""
     if options.scheduler is not None:
         return Cluster(options.scheduler, probe=partial(_surroundings, options.work))
     workers = min(options.workers, recordings)
-    return LocalProcesses(workers, preload=_MODULES) if workers > 1 else InProcess()
+    modules = [f"highd_lc.stages.{stage}" for stage in stages]
+    return LocalProcesses(workers, preload=modules) if workers > 1 else InProcess()
 
 
 def _surroundings(work: Path) -> str:
