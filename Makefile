@@ -18,7 +18,7 @@ $(VENV)/.set-up: pyproject.toml constraints.txt
 	@touch $@
 
 $(VENV)/.set-up-dev: $(VENV)/.set-up
-	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable ".[dev,cluster,vehicle]"
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable ".[dev,cluster]"
 	@touch $@
 
 demo: setup

@@ -1,6 +1,6 @@
 """Closed loop of the MPC on the multi-body car, the open counterpart of the paper's CarSim (SPEC section 8).
 
-The plant is parameter set 2 of ``commonroad-vehicle-models`` (extra ``vehicle``). The MPC still believes in the
+The plant is parameter set 2 of ``commonroad-vehicle-models``. The MPC still believes in the
 kinematic bicycle: what tyres, suspension and servos add is a disturbance to it. It orders [v, delta]; a low-level
 map makes acceleration and steering rate of that: proportional servos, cut to the car's limits.
 """
@@ -20,7 +20,6 @@ from highd_lc.algorithms.closed_loop import (
     summarise,
 )
 from highd_lc.algorithms.controllers import Controller, MpcController, drive
-from highd_lc.vocab.errors import MissingExtraError
 from highd_lc.vocab.tracking import Reference, TrackingResult, TrackingSettings
 
 FloatArray = NDArray[np.float64]
@@ -33,13 +32,9 @@ differs by under 0.1 mm from 3 m/s up and by 5 mm at 1 m/s, where the wheels' sp
 
 
 def dynamics() -> ModuleType:
-    """The module of the compiled car; MissingExtraError where the extra is not installed."""
-    try:
-        from highd_lc.algorithms import multibody_dynamics
-    except ModuleNotFoundError as missing:
-        raise MissingExtraError(
-            f"the multi-body car needs {missing.name}: pip install 'highd-lc[vehicle]'"
-        ) from missing
+    """The module of the compiled car, imported when a car is needed: its import compiles the package's code."""
+    from highd_lc.algorithms import multibody_dynamics
+
     return multibody_dynamics
 
 
@@ -99,7 +94,7 @@ def track_multibody(
     """Drive the multi-body car along the reference; the MPC unless another controller is given.
 
     friction: factor on the tyres' peak friction; substeps: see ``MultiBodyPlant``. The disturbance's wheelbase
-    factor has no meaning here: the car is what it is. Raises MissingExtraError without the extra ``vehicle``.
+    factor has no meaning here: the car is what it is.
     """
     wheelbase = dynamics().WHEELBASE
     rows = reference_rows(reference, wheelbase, settings.horizon)

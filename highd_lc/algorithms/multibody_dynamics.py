@@ -3,7 +3,7 @@
 Althoff, Wuersching: CommonRoad Vehicle Models (2020), section 10; 29 states, inputs steering rate and
 acceleration. The package's functions are plain Python on plain numbers, 35 us an evaluation. Here their code
 objects are bound to compiled callees and compiled as they are (2 us): no equation is written a second time, and
-the tests compare both to the last bit. Importing this module needs the extra ``vehicle``; ``multibody`` says so.
+the tests compare both to the last bit.
 """
 
 import types

@@ -15,7 +15,6 @@ from highd_lc.algorithms.tracked_motion import SampledMotion, motion_of
 from highd_lc.algorithms.tracker import track
 from highd_lc.core.quintic import Quintic, sample
 from highd_lc.vocab import names
-from highd_lc.vocab.errors import MissingExtraError
 from highd_lc.vocab.scenarios import ScenarioSettings
 from highd_lc.vocab.tracking import KINEMATIC, MULTI_BODY, Reference, TrackingResult
 
@@ -33,7 +32,6 @@ class _AvPath:
 
 
 PLANNED = "planned"
-NOT_INSTALLED = "not installed"
 
 
 def tracking_rows(planned: Planned, settings: ScenarioSettings) -> list[Row]:
@@ -60,12 +58,8 @@ def _rows_of_plan(planned: Planned, plan: Quintic, settings: ScenarioSettings) -
     yield {"plant": PLANNED, "status": "planned"} | _losses(planned, motion, settings)
     kinematic = track(reference, wheelbase=settings.vehicle.wheelbase_m, settings=settings.tracking)
     yield {"plant": KINEMATIC} | _tracked(planned, kinematic, settings)
-    try:
-        heavy = track_multibody(reference, settings=settings.tracking)
-    except MissingExtraError:
-        yield {"plant": MULTI_BODY, "status": NOT_INSTALLED}
-    else:
-        yield {"plant": MULTI_BODY} | _tracked(planned, heavy, settings)
+    heavy = track_multibody(reference, settings=settings.tracking)
+    yield {"plant": MULTI_BODY} | _tracked(planned, heavy, settings)
 
 
 def _tracked(planned: Planned, result: TrackingResult, settings: ScenarioSettings) -> Row:

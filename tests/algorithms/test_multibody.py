@@ -1,13 +1,10 @@
-"""The multi-body car: the package's own equations, integration, the closed loop, and its absence."""
-
-import sys
+"""The multi-body car: the package's own equations, integration, the closed loop."""
 
 import numpy as np
 import pytest
 from tracking_plans import quintic_reference
 
 from highd_lc.algorithms.multibody import MultiBodyPlant, dynamics, track_multibody
-from highd_lc.vocab.errors import MissingExtraError
 from highd_lc.vocab.tracking import INVALID_REFERENCE, LOST, TRACKED, Reference, TrackingSettings
 
 SETTINGS = TrackingSettings()
@@ -15,7 +12,6 @@ SETTINGS = TrackingSettings()
 
 @pytest.fixture(scope="module")
 def model():
-    pytest.importorskip("vehiclemodels")
     return dynamics()
 
 
@@ -96,15 +92,3 @@ def test_a_reference_that_is_not_finite_is_a_status(model):
     good = quintic_reference(25.0, 3.5, 4.0)
     bad = Reference(0.1, good.x * np.nan, good.y, good.xdot, good.ydot, good.xddot, good.yddot)
     assert track_multibody(bad, settings=SETTINGS).status == INVALID_REFERENCE
-
-
-def test_without_the_extra_the_error_says_how_to_get_it(monkeypatch):
-    for name in [n for n in sys.modules if n.split(".")[0] == "vehiclemodels"]:
-        monkeypatch.delitem(sys.modules, name)
-    monkeypatch.setitem(sys.modules, "vehiclemodels", None)
-    import highd_lc.algorithms as package
-
-    monkeypatch.delitem(sys.modules, "highd_lc.algorithms.multibody_dynamics", raising=False)
-    monkeypatch.delattr(package, "multibody_dynamics", raising=False)
-    with pytest.raises(MissingExtraError, match=r"needs vehiclemodels: pip install 'highd-lc\[vehicle\]'"):
-        dynamics()

@@ -122,7 +122,6 @@ def test_the_defaults_lie_on_the_sweeps_grid():
 
 
 def test_baselines_and_mpc_are_judged_alike_on_both_plants():
-    pytest.importorskip("vehiclemodels")
     rows = baseline_table(PLANS[:1], settings=SETTINGS, plants=[KINEMATIC, MULTI_BODY], seed=1)
     assert {(r.controller, r.plant) for r in rows} == {
         (c, p) for c in ("MPC", "LQR", "pure pursuit") for p in (KINEMATIC, MULTI_BODY)
