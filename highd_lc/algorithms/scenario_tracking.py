@@ -11,12 +11,12 @@ from highd_lc.algorithms import scoring
 from highd_lc.algorithms.multibody import track_multibody
 from highd_lc.algorithms.replay import AvMotion, replay
 from highd_lc.algorithms.scenario_run import Cell, Planned
-from highd_lc.algorithms.tracked_motion import SampledMotion, motion_of
+from highd_lc.algorithms.tracked_motion import SampledMotion, motion_of, plan_reference
 from highd_lc.algorithms.tracker import track
-from highd_lc.core.quintic import Quintic, sample
+from highd_lc.core.quintic import Quintic
 from highd_lc.vocab import names
 from highd_lc.vocab.scenarios import ScenarioSettings
-from highd_lc.vocab.tracking import KINEMATIC, MULTI_BODY, Reference, TrackingResult
+from highd_lc.vocab.tracking import KINEMATIC, MULTI_BODY, TrackingResult
 
 FloatArray = NDArray[np.float64]
 Row = dict[str, Any]
@@ -44,15 +44,9 @@ def tracking_rows(planned: Planned, settings: ScenarioSettings) -> list[Row]:
     return rows
 
 
-def reference_of(plan: Quintic, dt: float) -> Reference:
-    """A plan as the controller's reference. dt [s]."""
-    s = sample(plan, np.arange(round(plan.T / dt) + 1, dtype=np.float64) * dt)
-    return Reference(dt, s.x, s.y, s.vx, s.vy, s.ax, s.ay)
-
-
 def _rows_of_plan(planned: Planned, plan: Quintic, settings: ScenarioSettings) -> Iterator[Row]:
     dt = settings.vehicle.dt_s
-    reference = reference_of(plan, dt)
+    reference = plan_reference(plan, dt)
     velocity = np.column_stack([reference.xdot, reference.ydot])
     motion = _AvPath(reference.x, reference.y, velocity)
     yield {"plant": PLANNED, "status": "planned"} | _losses(planned, motion, settings)

@@ -127,8 +127,13 @@ def replay_start(posed: StartProblem, key: Key, quintic: Quintic) -> Replay:
 
     Followers are those of the event, nearest first, whatever the gap.
     """
+    return replay_behind(posed, key, _av_motion(posed, key, quintic))
+
+
+def replay_behind(posed: StartProblem, key: Key, av: AvMotion) -> Replay:
+    """Everybody over 0 .. H around an AV that starts at ``key`` and moves as prescribed up to sample ``av.n``."""
     gap, d = posed.gaps[key[0]], key[1]
-    av = _av_motion(posed, key, quintic)
+    drive_on(av.x, av.y, av.vx, av.ax, av.jerk, av.n, gap.scene)
     scene = gap.delayed(d, posed.waiting)
     x0 = float(posed.waiting.av.x[d])
     later = [np.empty((len(gap.x), len(av.x) - d)) for _ in range(3)]
@@ -153,7 +158,7 @@ def _entry(posed: StartProblem, key: Key, behind: list[FloatArray]) -> Entry:
 
 
 def _av_motion(posed: StartProblem, key: Key, quintic: Quintic) -> AvMotion:
-    """The AV over 0 .. H; x from its place at t_start."""
+    """The AV over 0 .. T, padded to H; x from its place at t_start."""
     gap, d, waited = posed.gaps[key[0]], key[1], posed.waiting.av
     planned = plan_motion(quintic, gap.delayed(d, posed.waiting))
     columns = {
@@ -161,6 +166,4 @@ def _av_motion(posed: StartProblem, key: Key, quintic: Quintic) -> AvMotion:
         for name in ("x", "y", "vx", "vy", "ax", "jerk")
     }
     columns["x"][d:] += waited.x[d]
-    av = AvMotion(**columns, n=d + planned.n, crossing=d + planned.crossing)
-    drive_on(av.x, av.y, av.vx, av.ax, av.jerk, av.n, gap.scene)
-    return av
+    return AvMotion(**columns, n=d + planned.n, crossing=d + planned.crossing)

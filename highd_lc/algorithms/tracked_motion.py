@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from highd_lc.core.losses import cumulative_comfort, cumulative_efficiency
+from highd_lc.core.quintic import Quintic, sample
 from highd_lc.vocab.tracking import Reference, TrackingResult
 
 FloatArray = NDArray[np.float64]
@@ -61,6 +62,12 @@ def tracked_motion(result: TrackingResult) -> SampledMotion:
 def planned_motion(reference: Reference) -> SampledMotion:
     """The planned motion, known by its samples as the tracked one is."""
     return motion_of(np.column_stack([reference.xdot, reference.ydot]), reference.dt)
+
+
+def plan_reference(plan: Quintic, dt: float) -> Reference:
+    """A plan as the controller's reference, from the start of its manoeuvre on. dt [s]."""
+    s = sample(plan, np.arange(round(plan.T / dt) + 1, dtype=np.float64) * dt)
+    return Reference(dt, s.x, s.y, s.vx, s.vy, s.ax, s.ay)
 
 
 def loss_av(

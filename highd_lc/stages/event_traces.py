@@ -9,13 +9,14 @@ from numpy.typing import NDArray
 from highd_lc.algorithms.following_window import RecordedMotion, following_track
 from highd_lc.algorithms.planner import FORM_OF, PlanningProblem
 from highd_lc.algorithms.surface import ON_SURFACE, SurfacePoint, loss_surface
+from highd_lc.algorithms.tracked_motion import plan_reference
 from highd_lc.algorithms.tracker import track
 from highd_lc.core.car_following import TIME_STEP, simulate
-from highd_lc.core.quintic import Quintic, sample
+from highd_lc.core.quintic import Quintic
 from highd_lc.reporting.event import Box, FitTrace, Row, Surface, TrackTrace
 from highd_lc.vocab import names
 from highd_lc.vocab.lcm_parameters import PARAMETERS
-from highd_lc.vocab.tracking import KINEMATIC, Reference
+from highd_lc.vocab.tracking import KINEMATIC
 
 FloatArray = NDArray[np.float64]
 
@@ -89,9 +90,7 @@ def track_traces(problem: PlanningProblem, plans: Iterable[Row]) -> tuple[TrackT
 def _track_trace(problem: PlanningProblem, row: Row) -> TrackTrace:
     scene = problem.scene
     plan = Quintic(v0=scene.v0, D=scene.lateral_shift, T=row["T"], x_final=row["x_final"], v_end=row["v_end"])
-    s = sample(plan, np.arange(round(plan.T / scene.dt) + 1) * scene.dt)
-    reference = Reference(scene.dt, s.x, s.y, s.vx, s.vy, s.ax, s.ay)
-    result = track(reference, wheelbase=scene.wheelbase, settings=problem.settings.tracking)
+    result = track(plan_reference(plan, scene.dt), wheelbase=scene.wheelbase, settings=problem.settings.tracking)
     return TrackTrace(
         policy=row["policy"],
         plant=KINEMATIC,

@@ -1,0 +1,158 @@
+"""The plans of an event as a car drives them under the MPC: everybody around the tracked motion, checked again.
+
+The car carries the event's own box along the tracked rear axle, on either plant: what differs from the plan is the
+motion alone. The followers react to the motion that they see, which is the tracked one.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from highd_lc.algorithms import scoring
+from highd_lc.algorithms.multibody import track_multibody
+from highd_lc.algorithms.planner import Plan, PlanningProblem, clearance_margins
+from highd_lc.algorithms.replay import AvMotion, Replay, replay
+from highd_lc.algorithms.start_planner import key_of, replay_behind
+from highd_lc.algorithms.start_search import StartProblem, pose_starts
+from highd_lc.algorithms.tracked_motion import (
+    AvLoss,
+    SampledMotion,
+    loss_av,
+    plan_reference,
+    tracked_motion,
+    violations,
+)
+from highd_lc.algorithms.tracker import track
+from highd_lc.vocab import names
+from highd_lc.vocab.tracking import INVALID_REFERENCE, MULTI_BODY, Reference, TrackingResult
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class DrivenPlan:
+    """A plan as a plant drove it: the closed loop, its motion by samples, and everybody around it over 0 .. H.
+
+    planned: what happens under the plan; replay: around the tracked motion, None where nothing was driven.
+    """
+
+    plan: Plan
+    planned: Replay
+    reference: Reference
+    result: TrackingResult
+    motion: SampledMotion
+    replay: Replay | None
+
+
+@dataclass(frozen=True)
+class PlanTracker:
+    """Drives the plans of one event."""
+
+    problem: PlanningProblem
+
+    @cached_property
+    def starts(self) -> StartProblem:
+        """Gaps and waiting of the plans that chose their start."""
+        return pose_starts(self.problem)
+
+    def drive(self, plan: Plan, plant: str) -> DrivenPlan | None:
+        """The plan on a plant; None where there is no plan.
+
+        The multi-body car steers its own wheelbase, 2.58 m, the bicycle the event's (SPEC section 8).
+        """
+        if plan.replay is None:
+            return None
+        reference = reference_of(self.problem, plan, plan.replay)
+        result = self._result(reference, plant)
+        motion = tracked_motion(result)
+        around = None
+        if result.status != INVALID_REFERENCE:
+            around = self._around(plan, tracked_av(plan.replay.av, result, motion))
+        return DrivenPlan(plan, plan.replay, reference, result, motion, around)
+
+    def _result(self, reference: Reference, plant: str) -> TrackingResult:
+        settings = self.problem.settings.tracking
+        if plant == MULTI_BODY:
+            return track_multibody(reference, settings=settings)
+        return track(reference, wheelbase=self.problem.scene.wheelbase, settings=settings)
+
+    def _around(self, plan: Plan, av: AvMotion) -> Replay:
+        if plan.replay is not None and plan.replay.entry is not None:
+            return replay_behind(self.starts, key_of(self.starts, plan.gap, plan.delay_s), av)
+        packed = self.problem.packed
+        # The recorded path is that of the box centre.
+        return replay(av, packed._replace(rear_to_centre=0.0) if plan.policy == names.HUMAN else packed)
+
+    def clearances(self, plan: Plan, played: Replay) -> dict[str, float]:
+        """``clearance_<role>`` [m] over the plan's accounted time, of the roles that count."""
+        found = clearance_margins(self.problem, played, plan.accounting)
+        return {name: value for name, value in found.items() if np.isfinite(value)}
+
+    def violations(self, driven: DrivenPlan) -> list[str]:
+        """Constraints (SPEC section 5) that the tracked motion breaks: limits of motion, then contacts."""
+        limit = self.problem.limit
+        limits = {"v_min": limit.v_min, "v_max": limit.v_max}
+        broken = violations(driven.motion, **limits, acceleration=limit.acceleration, jerk=limit.jerk)
+        clear = self.clearances(driven.plan, driven.replay) if driven.replay else {}
+        return [*broken, *(name for name, value in clear.items() if value < 0.0)]
+
+    def loss_av(self, motion: SampledMotion) -> AvLoss:
+        """The AV's loss of a sampled motion over 0 .. T."""
+        terms, loss = self.problem.terms, self.problem.settings.loss
+        return loss_av(
+            motion,
+            v_ref=terms.av_ref,
+            comfort_scale=loss.comfort_scale,
+            efficiency_scale=loss.efficiency_scale,
+            one_sided=terms.one_sided,
+        )
+
+    def loss_hv(self, plan: Plan, played: Replay) -> float:
+        """The followers' loss around a motion over the plan's accounted time."""
+        terms, loss, dt = self.problem.terms, self.problem.settings.loss, self.problem.scene.dt
+        losses = scoring.cumulative_losses(played, terms, loss, dt)
+        _, last = scoring.charged_samples(plan.accounting, played.av.n, len(played.av.x) - 1)
+        return float(0.5 * terms.weights @ (losses.hv_comfort[:, last] + losses.hv_efficiency[:, last]))
+
+
+def reference_of(problem: PlanningProblem, plan: Plan, planned: Replay) -> Reference:
+    """The planned motion over 0 .. T as the controller's reference, a wait before it left out."""
+    if plan.quintic is not None:
+        return plan_reference(plan.quintic, problem.scene.dt)
+    human, av, used = problem.scene.human, planned.av, slice(0, planned.av.n + 1)
+    columns = (av.x, av.y, av.vx, av.vy, human.ax, human.ay)
+    return Reference(problem.scene.dt, *(column[used] for column in columns))
+
+
+def tracked_av(planned: AvMotion, result: TrackingResult, motion: SampledMotion) -> AvMotion:
+    """The tracked motion in the place of the planned one, a wait before it kept; unfinished after T.
+
+    Velocities are the forward speed along the car's heading, so that the ellipse turns with the car and not with
+    its course. motion: the result's, by samples.
+    """
+    first = planned.n - len(result.states) + 1
+    heading = result.states[:, 2]
+    cos, sin = np.cos(heading), np.sin(heading)
+    forward = result.velocity[:, 0] * cos + result.velocity[:, 1] * sin
+    # The reference of a delayed plan counts x from the end of the wait.
+    x = result.states[:, 0] + (planned.x[first] if first else 0.0)
+    columns = {
+        "x": x,
+        "y": result.states[:, 1],
+        "vx": forward * cos,
+        "vy": forward * sin,
+        "ax": np.append(motion.acceleration[:, 0], 0.0),
+        "jerk": np.abs(motion.jerk).sum(axis=1),
+    }
+    whole = {name: _replaced(getattr(planned, name), first, column) for name, column in columns.items()}
+    return AvMotion(**whole, n=planned.n, crossing=planned.crossing)
+
+
+def _replaced(planned: FloatArray, first: int, column: FloatArray) -> FloatArray:
+    """``planned`` with a column from sample ``first`` on, and zeros after it."""
+    out = np.zeros(len(planned))
+    out[:first] = planned[:first]
+    out[first : first + len(column)] = column
+    return out
