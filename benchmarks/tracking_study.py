@@ -66,6 +66,15 @@ the summed |jerk| of both axes by finite differences, of the tracked motion over
 The multi-body car is parameter set 2 of commonroad-vehicle-models (BMW 320i, 29 states). Its low-level map from
 [v, delta]: acceleration = {servo_v:g} (v - speed), steering rate = {servo_delta:g} (delta - steering), both cut to
 the car's limits. Runge-Kutta of order 4, {substeps} steps in 0.1 s.
+
+In the pipeline the bicycle drives the plans of all events (accounting `equal`), with the event's wheelbase; the
+multi-body car those of a stratified, seeded sample (`validate.studies.multibody_sample`, 50 events by default),
+with its own, whatever the ego's class. Both carry the event's box along the tracked rear axle. Around the tracked
+motion everybody is simulated again: the followers behind it, the drive after T from where it ends. Limits and
+clearances are checked on that, without a tolerance for contact: a plan that lies on its clearance may lose it by
+millimetres.
+`tracking` has planned and tracked losses and clearance side by side, `tracking_summary` the figures by policy and
+plant. What has no plan, or one that is not finite, is a row with its status and no numbers.
 """
 
 INTEGRATION = """Largest difference of a pose [m, rad] between the step used and one of an eighth, over a lane

@@ -8,13 +8,11 @@ import numpy as np
 import pandas as pd
 
 from highd_lc.algorithms import planner, scoring
+from highd_lc.algorithms.plan_tracking import PlanTracker
 from highd_lc.algorithms.planner import Plan, PlanningProblem
 from highd_lc.algorithms.replay import Replay
 from highd_lc.algorithms.scoring import CumulativeLosses
 from highd_lc.algorithms.start_planner import plan_starts
-from highd_lc.algorithms.tracked_motion import loss_av, planned_motion, tracked_motion, violations
-from highd_lc.algorithms.tracker import track
-from highd_lc.core.quintic import sample
 from highd_lc.io import artefacts
 from highd_lc.io.foresight_table import foresight_summary
 from highd_lc.io.population_tables import (
@@ -28,6 +26,7 @@ from highd_lc.io.population_tables import (
 from highd_lc.io.scenes import load_scenes
 from highd_lc.io.start_map import start_map
 from highd_lc.io.statistics import situations, summarise_losses, validation_matrix
+from highd_lc.io.tracking_table import tracking_summary
 from highd_lc.stages.validate_studies import (
     STUDY_TABLES,
     Samples,
@@ -38,11 +37,11 @@ from highd_lc.stages.validate_studies import (
     solver_rows,
     study_rows,
 )
+from highd_lc.stages.validate_tracking import tracking_rows
 from highd_lc.vocab import names
 from highd_lc.vocab.job import Combination, Job, JobReport, Problem
 from highd_lc.vocab.scene import Scene
 from highd_lc.vocab.tables import TABLES
-from highd_lc.vocab.tracking import KINEMATIC, Reference
 
 STAGE = "validate"
 PART_TABLES = ("plans", "losses", "tracking", *STUDY_TABLES)
@@ -80,8 +79,8 @@ def _event_rows(scene: Scene, job: Job, chosen: Samples) -> Iterator[tuple[str, 
     for plan in plans:
         yield "plans", _plan_row(problem, plan)
         yield "losses", _loss_row(problem, plan, scores)
-        if plan.accounting == names.PRIMARY_ACCOUNTING and plan.policy != names.NO_LANE_CHANGE:
-            yield "tracking", _tracking_row(problem, plan)
+    for row in tracking_rows(PlanTracker(problem), plans, multi_body=scene.event_id in chosen.multi_body):
+        yield "tracking", row
     study = Study(problem, plans, job.settings.seed)
     for row in cross_rows(study):
         yield "cross_losses", row
@@ -211,47 +210,6 @@ def _loss_row(problem: PlanningProblem, plan: Plan, scores: _Scores) -> Row:
     return row
 
 
-def _tracking_row(problem: PlanningProblem, plan: Plan) -> Row:
-    row = {"policy": plan.policy, "plant": KINEMATIC, "status": plan.status, "qp_failures": 0, "violations": []}
-    if plan.replay is None:
-        return row
-    reference = _reference(problem, plan)
-    result = track(reference, wheelbase=problem.scene.wheelbase, settings=problem.settings.tracking)
-    loss = problem.settings.loss
-    scales = {"v_ref": problem.terms.av_ref, "comfort_scale": loss.comfort_scale}
-    scales |= {"efficiency_scale": loss.efficiency_scale, "one_sided": problem.terms.one_sided}
-    driven, limit = tracked_motion(result), problem.limit
-    broken = violations(
-        driven, v_min=limit.v_min, v_max=limit.v_max, acceleration=limit.acceleration, jerk=limit.jerk
-    )
-    return row | {
-        "status": result.status,
-        "rmse_lateral_m": result.rmse_lateral_m,
-        "max_lateral_m": result.max_lateral_m,
-        "rmse_longitudinal_m": result.rmse_longitudinal_m,
-        "rmse_heading_rad": result.rmse_heading_rad,
-        "max_slack": result.max_slack,
-        "qp_failures": result.qp_failures,
-        "loss_av_tracked": loss_av(driven, **scales).loss,
-        "loss_av_planned": loss_av(planned_motion(reference), **scales).loss,
-        "violations": list(broken),
-    }
-
-
-def _reference(problem: PlanningProblem, plan: Plan) -> Reference:
-    """The planned motion over 0 .. T as the controller's reference."""
-    av = plan.replay.av
-    used = slice(0, av.n + 1)
-    if plan.quintic is not None:
-        n = round(plan.quintic.T / problem.scene.dt)
-        s = sample(plan.quintic, np.arange(n + 1) * problem.scene.dt)
-        return Reference(problem.scene.dt, s.x, s.y, s.vx, s.vy, s.ax, s.ay)
-    human = problem.scene.human
-    return Reference(
-        problem.scene.dt, av.x[used], av.y[used], av.vx[used], av.vy[used], human.ax[used], human.ay[used]
-    )
-
-
 def combine(combination: Combination) -> JobReport:
     """Join the parts, then write the population's statistics: matrix, summary, cross scores, maps."""
     work = combination.work
@@ -279,4 +237,5 @@ def _population(combination: Combination, events: pd.DataFrame) -> Iterator[tupl
     yield "horizon_sensitivity", horizon_sensitivity(artefacts.read(work, "horizon_losses"), settings, seed=seed)
     yield "start_map", start_map(events, artefacts.read(work, "plans"), losses)
     yield "foresight_summary", foresight_summary(artefacts.read(work, "foresight"), settings, seed=seed)
+    yield "tracking_summary", tracking_summary(artefacts.read(work, "tracking"))
     yield "solver_summary", solver_summary(artefacts.read(work, "solver_comparison"))

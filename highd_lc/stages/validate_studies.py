@@ -45,20 +45,22 @@ _MOST_FOLLOWERS = 3
 @dataclass(frozen=True)
 class Samples:
     """Ids of the events that are studied, of those on which the solvers are compared, of those whose start is
-    chosen as well, and of those among them that are planned with predicted leaders.
+    chosen as well, of those among them that are planned with predicted leaders, and of those whose plans the
+    multi-body car drives.
     """
 
     studied: frozenset[str]
     compared: frozenset[str]
     started: frozenset[str]
     foreseen: frozenset[str]
+    multi_body: frozenset[str]
 
 
 def samples(job: Job) -> Samples:
     """The run's samples, drawn from all events of all recordings by class, direction and number of followers."""
     settings, seed = job.settings.validation.studies, job.settings.seed
     if settings.chosen:
-        return Samples(*[frozenset(settings.chosen)] * 4)
+        return Samples(*[frozenset(settings.chosen)] * 5)
     events = artefacts.read(job.work, "events", columns=["event_id", "ego_class", "direction", "follower_ids"])
     count = events["follower_ids"].map(len).clip(upper=_MOST_FOLLOWERS)
     strata = dict(
@@ -71,7 +73,8 @@ def samples(job: Job) -> Samples:
     foreseen = stratified_sample(
         {e: s for e, s in strata.items() if e in started}, settings.foresight_sample, seed=seed
     )
-    return Samples(studied, compared, started, foreseen)
+    multi_body = stratified_sample(strata, settings.multibody_sample, seed=seed)
+    return Samples(studied, compared, started, foreseen, multi_body)
 
 
 @dataclass(frozen=True)

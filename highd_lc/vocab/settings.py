@@ -245,6 +245,9 @@ class StudySettings(Section):
     foresight_sample: Annotated[
         int, Field(ge=0, le=100000, description="events of it planned with predicted leaders as well; 0 = none")
     ] = 25
+    multibody_sample: Annotated[
+        int, Field(ge=0, le=100000, description="events whose plans the multi-body car drives too; 0 = none")
+    ] = 50
     draws: Annotated[
         int, Field(ge=1, le=1000, description="K: parameter draws within each follower's spread (all events)")
     ] = 20

@@ -336,10 +336,19 @@ TRACKING = Table(
         _number("rmse_longitudinal_m", "longitudinal tracking error", "m", minimum=0),
         _number("rmse_heading_rad", "heading error", "rad", minimum=0),
         _number("max_slack", "largest slack of the input bounds", minimum=0),
-        Column("qp_failures", "int64", "control steps whose QP was not solved", minimum=0),
-        _number("loss_av_tracked", "AV's loss of the tracked motion", minimum=0),
+        Column("qp_failures", "int64", "control steps whose QP was not solved; null = not driven", "", True, 0),
+        _number("loss_av_tracked", "AV's loss of the tracked motion over 0..T", minimum=0),
         _number("loss_av_planned", "AV's loss of the planned motion over the same samples", minimum=0),
-        Column("violations", "list<string>", "constraints that the tracked motion violates"),
+        _number("loss_hv_tracked", "followers' loss behind the tracked motion over 0..H", minimum=0),
+        _number("loss_hv_planned", "followers' loss behind the planned motion over 0..H", minimum=0),
+        _number("min_clearance_tracked_m", "smallest ellipse distance around the tracked motion, 0..H", "m"),
+        _number("min_clearance_planned_m", "smallest ellipse distance around the planned motion, 0..H", "m"),
+        Column(
+            "violations",
+            "list<string>",
+            "constraints that the tracked motion violates; null = not driven",
+            nullable=True,
+        ),
     ),
 )
 

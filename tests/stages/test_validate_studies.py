@@ -20,7 +20,7 @@ SETTINGS = Settings.model_validate(
         "validate": {
             "studies": {
                 "sample": 3, "solver_sample": 1, "solver_starts": 2, "draws": 4, "replans": 2,
-                "population": 24, "generations": 6, "horizons_s": [5.0],
+                "population": 24, "generations": 6, "horizons_s": [5.0], "multibody_sample": 2,
             },
             "statistics": {"bootstrap": 200},
         },
@@ -87,6 +87,44 @@ def test_sample_is_studied_and_no_other_event(work):
     for name in ("horizon_losses", "uncertainty"):
         assert set(artefacts.read(work, name)["event_id"]) == studied
     assert set(artefacts.read(work, "solver_comparison")["event_id"]) <= studied
+
+
+def test_plans_are_driven_by_the_bicycle_and_a_sample_by_the_multi_body_car(work):
+    events, tracking = artefacts.read(work, "events"), artefacts.read(work, "tracking")
+    heavy = tracking[tracking["plant"] == "multi_body"]
+    assert heavy["event_id"].nunique() == min(2, len(events))
+    policies = tracking.groupby(["event_id", "plant"])["policy"].agg(set)
+    plans = artefacts.read(work, "plans")
+    changing = plans[plans["policy"] != names.NO_LANE_CHANGE].groupby("event_id")["policy"].agg(set)
+    for (event, _), found in policies.items():
+        assert found == changing[event]
+
+
+def test_planned_sides_of_tracking_are_those_of_plans_and_losses(work):
+    key = ["event_id", "policy"]
+    tracking = artefacts.read(work, "tracking")
+    tracking = tracking[tracking["rmse_lateral_m"].notna()]
+    assert len(tracking)
+    primary = {
+        name: frame[frame["accounting"] == names.PRIMARY_ACCOUNTING].set_index(key)
+        for name, frame in ((n, artefacts.read(work, n)) for n in ("plans", "losses"))
+    }
+    at = pd.MultiIndex.from_frame(tracking[key])
+    for mine, table, theirs in (
+        ("loss_hv_planned", "losses", "loss_hv"),
+        ("min_clearance_planned_m", "plans", "min_clearance_m"),
+    ):
+        expected = primary[table][theirs].reindex(at).to_numpy()
+        assert tracking[mine].to_numpy() == pytest.approx(expected, rel=1e-9, nan_ok=True)
+    touching = tracking["violations"].map(lambda found: any(name.startswith("clearance_") for name in found))
+    assert (touching == (tracking["min_clearance_tracked_m"] < 0.0)).all()
+
+
+def test_what_was_not_driven_has_a_status_and_no_number(work):
+    tracking = artefacts.read(work, "tracking")
+    missing = tracking[tracking["rmse_lateral_m"].isna()]
+    assert set(missing["status"]) <= {names.INFEASIBLE, names.INFEASIBLE_AT_START, "invalid_reference"}
+    assert missing.drop(columns=["event_id", "recording_id", "policy", "plant", "status"]).isna().all(axis=None)
 
 
 def test_own_horizon_repeats_the_losses(work):
