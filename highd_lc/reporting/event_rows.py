@@ -40,6 +40,10 @@ _TRACKING_CELLS: Final = (
     ("qp_failures", 0),
     ("loss_av_planned", 3),
     ("loss_av_tracked", 3),
+    ("loss_hv_planned", 3),
+    ("loss_hv_tracked", 3),
+    ("min_clearance_planned_m", 2),
+    ("min_clearance_tracked_m", 2),
 )
 
 
@@ -203,7 +207,13 @@ def tracking_row(row: Row) -> dict[str, Any]:
         "plant": row["plant"].replace("_", " "),
         "status": row["status"],
         "cells": [(row[name], digits) for name, digits in _TRACKING_CELLS],
+        "violations": _violations(row["violations"]),
     }
+
+
+def _violations(found: Iterable[str] | None) -> str:
+    """Constraints in words; a dash where nothing was driven."""
+    return "–" if found is None else ", ".join(name.replace("_", " ") for name in found) or "none"
 
 
 def is_infeasible(row: Row) -> bool:

@@ -26,6 +26,7 @@ class StudyTables:
     pareto_summary: pd.DataFrame
     solver_summary: pd.DataFrame
     worse_for_somebody: pd.DataFrame
+    tracking_summary: pd.DataFrame
 
 
 def studies_page(tables: StudyTables) -> str:
@@ -44,6 +45,7 @@ def _sections(tables: StudyTables) -> Iterator[Section]:
     yield _uncertainty_section(tables.uncertainty)
     yield pareto_section(tables.pareto, tables.pareto_summary)
     yield _solver_section(tables.solver_summary)
+    yield _tracking_section(tables.tracking_summary)
     yield _worse_section(tables.worse_for_somebody)
 
 
@@ -214,6 +216,42 @@ def _solver_section(summary: pd.DataFrame) -> Section:
     )
     text = ("SLSQP, the method the paper names, against the global search on sampled events.",)
     return Section("Solvers compared", text, tables=(table_view(_labelled(summary), columns),), anchor="solvers")
+
+
+_TRACKING: Final = (
+    Column("plant_label", "Car"),
+    Column("policy_label", "Policy"),
+    Column("n_driven", "Plans", digits=0),
+    Column("not_driven", "Not driven", digits=0),
+    Column("lost", "Lost", digits=0),
+    Column("softened", "Bounds softened", digits=0),
+    Column("qp_failures", "Unsolved QPs", digits=0),
+    Column("rmse_lateral_median_m", "Lateral RMSE, median", "m", 4),
+    Column("rmse_lateral_largest_m", "largest", "m", 4),
+    Column("max_lateral_m", "Largest lateral error", "m", 3),
+    Column("loss_av_planned", "AV loss planned", digits=3),
+    Column("loss_av_tracked", "tracked", digits=3),
+    Column("loss_hv_planned", "HV loss planned", digits=3),
+    Column("loss_hv_tracked", "tracked", digits=3),
+    _percent("share_violating", "Violating", 1),
+    _percent("share_touching_planned", "Touching, planned", 1),
+    _percent("share_touching", "tracked", 1),
+)
+
+
+def _tracking_section(summary: pd.DataFrame) -> Section:
+    """Planned against tracked, by plant and policy."""
+    text = (
+        "The plans of accounting “equal” as the MPC drives them: on the kinematic bicycle all of them, on the "
+        "multi-body car those of a sample. Limits and clearances are checked again on the tracked motion, and the "
+        "followers react to that one. Means of the AV's loss over 0..T, by finite differences on both sides, and "
+        "of the followers' over 0..H. The human's path and “constant” may violate a constraint as planned.",
+    )
+    rows = summary.assign(
+        plant_label=summary["plant"].str.replace("_", " "),
+        policy_label=summary["policy"].map(lambda policy: labels.POLICIES[policy].label),
+    )
+    return Section("Planned and tracked", text, tables=(table_view(rows, _TRACKING),), anchor="tracking")
 
 
 def _worse_section(worse: pd.DataFrame) -> Section:

@@ -104,6 +104,8 @@ def tracking_row(policy: str) -> dict[str, Any]:
         "event_id": EVENT_ID, "recording_id": 7, "policy": policy, "plant": "kinematic", "status": "tracked",
         "rmse_lateral_m": 0.003, "max_lateral_m": 0.009, "rmse_longitudinal_m": 0.02, "rmse_heading_rad": 0.0004,
         "max_slack": 0.0, "qp_failures": 0, "loss_av_tracked": 12.31, "loss_av_planned": 12.25, "violations": [],
+        "loss_hv_tracked": 10.52, "loss_hv_planned": 10.5, "min_clearance_tracked_m": 6.19,
+        "min_clearance_planned_m": 6.2,
     }  # fmt: skip
 
 

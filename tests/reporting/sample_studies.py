@@ -64,6 +64,13 @@ def studies(**changes: object) -> StudyTables:
             | {f"share_{s}_{k}": 0.25 for s in ("sqp", "single") for k in levels}
             for f in names.FORMS for w in (0.5, 1.0)
         ],
+        "tracking_summary": [
+            {"policy": p, "plant": c, "n_driven": 39, "not_driven": 1, "lost": 0, "softened": 0, "qp_failures": 0,
+             "rmse_lateral_median_m": 0.002, "rmse_lateral_largest_m": 0.004, "max_lateral_m": 0.01,
+             "loss_av_planned": 12.0, "loss_av_tracked": 12.125, "loss_hv_planned": 9.0, "loss_hv_tracked": 9.25,
+             "share_violating": 0.25, "share_touching": 0.125, "share_touching_planned": 0.0}
+            for c in ("kinematic", "multi_body") for p in (names.HUMAN, *names.FIXED_POLICIES)
+        ],
         "worse_for_somebody": [
             {"event_id": f"01-{k:04d}-00100", "recording_id": 1, "form": names.FIXED, "accounting": names.EQUAL,
              "who": names.target_follower(1 + k % 3), "loss_benchmark": 10.0, "loss_local": 10.0 + 0.1 * k,

@@ -167,6 +167,13 @@ def test_a_front_without_a_knee_shows_none():
     assert rows[1][6:8] == ["–", "–"]
 
 
+def test_tracking_shows_planned_beside_tracked():
+    rows = rows_of(robustness(), after='id="tracking"')
+    assert rows[1][:4] == ["kinematic", "Human", "39", "1"]
+    assert rows[1][10:17] == ["12.000", "12.125", "9.000", "9.250", "25.0", "0.0", "12.5"]
+    assert [row[:2] for row in rows[4:7]] == [["multi body", row[1]] for row in rows[1:4]]
+
+
 def test_a_run_without_any_event_still_has_its_pages():
     tables, run = sample_summary(6), sample_run(6)
     nothing = {
