@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 
 from highd_lc.algorithms import multibody
-from highd_lc.algorithms.multibody import SERVO, SUBSTEPS, track_multibody
-from highd_lc.algorithms.tracked_motion import loss_av, planned_motion, tracked_motion
+from highd_lc.algorithms.multibody import SERVO, SUBSTEPS, MultiBodyPlant, track_multibody
+from highd_lc.algorithms.tracked_motion import loss_av, motion_of, planned_motion, tracked_motion
 from highd_lc.algorithms.tracking_study import (
     WHEELBASE,
     Figures,
@@ -66,15 +66,22 @@ the summed |jerk| of both axes by finite differences, of the tracked motion over
 The multi-body car is parameter set 2 of commonroad-vehicle-models (BMW 320i, 29 states). Its low-level map from
 [v, delta]: acceleration = {servo_v:g} (v - speed), steering rate = {servo_delta:g} (delta - steering), both cut to
 the car's limits. Runge-Kutta of order 4, {substeps} steps in 0.1 s.
+"""
 
-In the pipeline the bicycle drives the plans of all events (accounting `equal`), with the event's wheelbase; the
-multi-body car those of a stratified, seeded sample (`validate.studies.multibody_sample`, 50 events by default),
-with its own, whatever the ego's class. Both carry the event's box along the tracked rear axle. Around the tracked
-motion everybody is simulated again: the followers behind it, the drive after T from where it ends. Limits and
-clearances are checked on that, without a tolerance for contact: a plan that lies on its clearance may lose it by
-millimetres.
-`tracking` has planned and tracked losses and clearance side by side, `tracking_summary` the figures by policy and
-plant. What has no plan, or one that is not finite, is a row with its status and no numbers.
+IN_PIPELINE = """The bicycle drives the plans of all events (accounting `equal`), with the event's wheelbase; the
+multi-body car those of a stratified, seeded sample (`validate.studies.multibody_sample`), with
+its own, whatever the ego's class. Both carry the event's box along the tracked rear axle.
+Around the tracked motion everybody is simulated again: the followers behind it, the drive after
+T from where it ends. Limits and clearances are checked on that, without a tolerance for
+contact: a plan that lies on its clearance may lose it by as much as the car is off. `tracking`
+has planned and tracked losses and clearance side by side, `tracking_summary` the figures by
+policy and plant. What has no plan, or one that is not finite, is a row with its status and no
+numbers.
+
+The multi-body car weaves by itself: at {speed:g} m/s, speed and steering held straight for 10 s
+and no controller at all, its rear axle accelerates sideways by up to {acceleration:.2f} m/s^2,
+a comfort loss of {comfort:.1f}. The AV's tracked loss on this plant holds that, most visibly
+for long and calm plans; nothing is filtered.
 """
 
 INTEGRATION = """Largest difference of a pose [m, rad] between the step used and one of an eighth, over a lane
@@ -170,6 +177,17 @@ def integration(settings: TrackingSettings) -> str:
     return table(("speed [m/s]", "integration error", "largest lateral tracking error [m]"), rows)
 
 
+def weaving(speed: float = 25.0) -> str:
+    """What the multi-body car does by itself, speed [m/s] and steering held, in the text on the pipeline."""
+    car, velocity = MultiBodyPlant(np.zeros(3), speed), []
+    for _ in range(101):
+        velocity.append(car.velocity())
+        car.advance(np.array([speed, 0.0]), 0.1)
+    motion = motion_of(np.array(velocity), 0.1)
+    comfort = loss_av(motion, **LOSS).comfort
+    return IN_PIPELINE.format(speed=speed, acceleration=np.abs(motion.acceleration[:, 1]).max(), comfort=comfort)
+
+
 def limits(rows: Sequence[StudyRow]) -> str:
     """Until which level the controller copes, for each kind of disturbance."""
     known = {(r.plant, r.quantity): r.unit for r in rows}
@@ -197,6 +215,8 @@ def main() -> None:
         ),
         INTEGRATION,
         integration(settings),
+        "## In the pipeline\n",
+        weaving(),
         "## Where the controller stops coping\n",
         limits(disturbances),
         "## Disturbances\n",

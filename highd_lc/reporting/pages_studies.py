@@ -245,7 +245,8 @@ def _tracking_section(summary: pd.DataFrame) -> Section:
         "The plans of accounting “equal” as the MPC drives them: on the kinematic bicycle all of them, on the "
         "multi-body car those of a sample. Limits and clearances are checked again on the tracked motion, and the "
         "followers react to that one. Means of the AV's loss over 0..T, by finite differences on both sides, and "
-        "of the followers' over 0..H. The human's path and “constant” may violate a constraint as planned.",
+        "of the followers' over 0..H. The human's path and “constant” may violate a constraint as planned. The "
+        "multi-body car weaves slightly by itself, even without a controller: its AV loss holds that.",
     )
     rows = summary.assign(
         plant_label=summary["plant"].str.replace("_", " "),
