@@ -8,15 +8,24 @@ from highd_lc.algorithms.tracked_motion import (
     AvLoss,
     loss_av,
     motion_of,
+    plan_reference,
     planned_motion,
     tracked_motion,
     violations,
 )
 from highd_lc.algorithms.tracker import track
+from highd_lc.core.quintic import Quintic
 from highd_lc.vocab.tracking import TrackingSettings
 
 SCALES = {"v_ref": 33.54, "comfort_scale": 8.0, "efficiency_scale": 25.0}
 LIMITS = {"v_min": 5.0, "v_max": 30.0, "acceleration": 8.0, "jerk": 8.0}
+
+
+def test_a_plans_reference_is_its_polynomials():
+    plan = Quintic(v0=25.0, D=3.5, T=4.0, x_final=104.0, v_end=27.0)
+    made, by_hand = plan_reference(plan, 0.1), quintic_reference(25.0, 3.5, 4.0, x_final=104.0, v_end=27.0)
+    for name in ("x", "y", "xdot", "ydot", "xddot", "yddot"):
+        np.testing.assert_allclose(getattr(made, name), getattr(by_hand, name), atol=1e-12)
 
 
 def test_the_published_figures_of_a_plan():
