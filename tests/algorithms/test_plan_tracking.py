@@ -24,10 +24,10 @@ CHANGING = [p for p in PLANS if p.policy != names.NO_LANE_CHANGE]
 TRACKER = PlanTracker(PROBLEM)
 
 
-def perfectly(plan):
+def perfectly(plan, problem=PROBLEM):
     """The closed loop's result of a car that never leaves the plan."""
-    reference = reference_of(PROBLEM, plan, plan.replay)
-    result = track(reference, wheelbase=PROBLEM.scene.wheelbase, settings=SETTINGS.tracking)
+    reference = reference_of(problem, plan, plan.replay)
+    result = track(reference, wheelbase=problem.scene.wheelbase, settings=SETTINGS.tracking)
     states = np.column_stack([reference.x, reference.y, reference.heading])
     velocity = np.column_stack([reference.xdot, reference.ydot])
     return replace(result, states=states, velocity=velocity), planned_motion(reference)
@@ -41,6 +41,17 @@ def test_around_a_car_that_never_leaves_the_plan_everything_is_as_planned(plan):
     for name in ("x", "y", "vx", "vy"):
         np.testing.assert_allclose(getattr(played.av, name), getattr(plan.replay.av, name), atol=1e-9)
     assert TRACKER.loss_hv(plan, played) == pytest.approx(TRACKER.loss_hv(plan, plan.replay), rel=1e-12)
+
+
+@pytest.mark.parametrize(("seed", "waits", "gap"), [(7, 0.1, "recorded"), (27, 0.5, "behind_target_follower_1")])
+def test_so_it_is_where_the_car_waits_or_takes_another_gap(seed, waits, gap):
+    problem = pose(random_scene(np.random.default_rng(seed)), SETTINGS)
+    wanted = (names.LOCAL_OPTIMUM_START, names.PRIMARY_ACCOUNTING)
+    plan = next(p for p in plan_starts(problem) if (p.policy, p.accounting) == wanted)
+    assert (plan.delay_s, plan.gap) == (waits, gap)
+    played = PlanTracker(problem)._around(plan, tracked_av(plan.replay.av, *perfectly(plan, problem)))
+    for name in ("x", "v", "a", "clearance_to_T", "clearance_after_T"):
+        np.testing.assert_allclose(getattr(played, name), getattr(plan.replay, name), atol=1e-9, err_msg=name)
 
 
 @pytest.mark.parametrize("plant", [KINEMATIC, MULTI_BODY])
