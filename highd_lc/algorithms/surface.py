@@ -14,8 +14,8 @@ from highd_lc.vocab import names
 
 FloatArray = NDArray[np.float64]
 
-OFFSETS: Final = 41
-"""Nodes over x_final - v0 T; odd, so that constant speed is one."""
+OFFSETS: Final = 31
+"""Nodes over x_final - v0 T; odd, so that constant speed is one, and just below two tiles of candidates."""
 EVERY: Final = 2
 """Every second duration of the planner's grid has a row."""
 ON_SURFACE: Final = (names.CONSTANT, names.HUMAN, *names.FIXED_POLICIES)

@@ -62,17 +62,24 @@ def _environment() -> Environment:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters.update(number=number, percent=percent, cells=cells, json=json_script, role=labels.role)
-    environment.globals.update(style=style, script=script, pages=PAGES, labels=labels)
+    environment.filters.update(
+        number=number, percent=percent, cells=cells, bars=bars, json=json_script, role=labels.role
+    )
+    environment.globals.update(style=style, script=script, pages=PAGES, labels=labels, policy_head=policy_head)
     return environment
 
 
 def number(value: Any, digits: int = 2) -> str:
     """A number with a fixed number of decimals and a true minus sign; a dash where there is none."""
-    if is_missing(value):
+    try:
+        text = f"{value:.{digits}f}"
+    except TypeError:  # None, NA
         return _MISSING
-    text = f"{float(value):.{digits}f}"
-    return (text.lstrip("-") if float(text) == 0 else text).replace("-", "−")
+    if text[-1] in "nf>":  # nan, inf, <NA>
+        return _MISSING
+    if text[0] != "-":
+        return text
+    return f"−{text[1:]}" if text.strip("-0.") else text[1:]
 
 
 def percent(value: Any, digits: int = 2) -> str:
@@ -84,6 +91,20 @@ def cells(values: Iterable[Any], digits: int | None = None) -> Markup:
     """Table cells of numbers, or of (number, digits) pairs: one string, which is many times faster than a loop."""
     pairs = values if digits is None else [(value, digits) for value in values]
     return Markup("".join(f'<td class="n">{number(value, places)}</td>' for value, places in pairs))
+
+
+@cache
+def policy_head(policy: str) -> Markup:
+    """The head of a policy's row in a table: its colour and its label, escaped once for all pages."""
+    text = '<th scope="row"><span class="key" style="background: var(--policy-{})"></span>{}</th>'
+    return Markup(text).format(policy, labels.POLICIES[policy].label)
+
+
+def bars(shares: Iterable[tuple[str, float]]) -> Markup:
+    """Stacked bars of (kind, share in percent): one string, as ``cells``."""
+    return Markup(
+        "".join(f'<span style="width: {share}%; background: var(--{kind})"></span>' for kind, share in shares)
+    )
 
 
 def is_missing(value: Any) -> bool:
