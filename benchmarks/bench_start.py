@@ -15,7 +15,8 @@ from random_scenes import random_scene
 from highd_lc.algorithms.planner import goals, overlap_at_start, pose
 from highd_lc.algorithms.search import search
 from highd_lc.algorithms.start_planner import start_pools
-from highd_lc.algorithms.start_search import CONTAINED, best_of, pose_starts, search_starts
+from highd_lc.algorithms.start_search import search_starts
+from highd_lc.algorithms.starts import CONTAINED, best_of, pose_starts
 from highd_lc.vocab import names
 from highd_lc.vocab.settings import ValidateSettings
 

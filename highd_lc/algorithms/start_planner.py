@@ -17,14 +17,8 @@ from highd_lc.algorithms.planner import (
 )
 from highd_lc.algorithms.pool import OVERTAKES, Goal, Pool
 from highd_lc.algorithms.replay import AvMotion, Entry, Replay, clearances, drive_on, follow, plan_motion
-from highd_lc.algorithms.start_search import (
-    CONTAINED,
-    Key,
-    StartProblem,
-    best_of,
-    pose_starts,
-    search_starts,
-)
+from highd_lc.algorithms.start_search import search_starts
+from highd_lc.algorithms.starts import CONTAINED, Key, StartProblem, best_of, pose_starts
 from highd_lc.core.quintic import Quintic
 from highd_lc.vocab import names
 

@@ -10,7 +10,7 @@ from highd_lc.algorithms import scoring
 from highd_lc.algorithms.planner import Plan, goals, plan_all, pose
 from highd_lc.algorithms.search import search
 from highd_lc.algorithms.start_planner import plan_starts, start_pools
-from highd_lc.algorithms.start_search import CONTAINED, best_of, pose_starts
+from highd_lc.algorithms.starts import CONTAINED, best_of, pose_starts
 from highd_lc.core.quintic import sample
 from highd_lc.vocab import names
 from highd_lc.vocab.lcm_parameters import REPLAY_L_BOUNDS, TABLE3_MEANS
