@@ -15,6 +15,7 @@ from typing import Final, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from highd_lc.algorithms.edges import hides_better
 from highd_lc.algorithms.pool import Goal, Pool, Task
 from highd_lc.algorithms.refinement import Row, possible_durations, refine, zoom_rows
 from highd_lc.algorithms.search import grid
@@ -48,7 +49,7 @@ def search_starts(
     found = _Found(posed, dict(known), free)
     coarse = [(gap, d) for gap in range(len(posed.gaps)) for d in _coarse(posed.delays(gap))]
     for key in _worth_a_grid(found, goals, coarse):
-        found.add(key, _thin_grid(posed.task(key), free))
+        found.lay_grid(key)
     found.refined = {(CONTAINED, goal) for goal in goals}
     found.refine([(key, goal) for goal in goals for key in _leading(found, goal)])
     _descend(found, goals)
@@ -65,12 +66,27 @@ class _Found:
     posed: StartProblem
     pools: dict[Key, Pool]
     free: bool
+    gridded: set[Key] = field(default_factory=lambda: {CONTAINED})
+    whole: set[Key] = field(default_factory=lambda: {CONTAINED})
     refined: set[tuple[Key, Goal]] = field(default_factory=set)
     known: dict[tuple[Key, Goal], tuple[Pool, Best | None]] = field(default_factory=dict)
 
     def add(self, key: Key, pool: Pool) -> None:
         """More candidates of a start."""
         self.pools[key] = self.pools[key].joined(pool) if key in self.pools else pool
+
+    def lay_grid(self, key: Key) -> None:
+        """Plans of a start on the thin grid, once."""
+        if key not in self.gridded:
+            self.gridded.add(key)
+            self.add(key, _thin_grid(self.posed.task(key), self.free))
+
+    def lay_whole_grid(self, key: Key) -> None:
+        """Plans of a start on the planner's own grid, once; of the fixed form alone, where it costs little."""
+        if not self.free and key not in self.whole:
+            self.whole.add(key)
+            task = self.posed.task(key)
+            self.add(key, grid(task, possible_durations(task), free=False))
 
     def at(self, key: Key, goal: Goal) -> Best | None:
         """The best candidate of a start."""
@@ -90,6 +106,7 @@ class _Found:
         new = [one for one in wanted if one not in self.refined]
         self.refined.update(new)
         for key, goals in _grouped(new).items():
+            self.lay_whole_grid(key)
             self.pools[key] = refine(self.posed.task(key), self.pools[key], goals, free=self.free)
 
 
@@ -167,15 +184,24 @@ def _beside(posed: StartProblem, key: Key) -> list[Key]:
 
 
 def _look(found: _Found, key: Key, asked: list[tuple[Goal, Best]]) -> None:
-    """Try the best plans' shapes at another delay, roughly first; those that may gain get their last digits."""
-    task = found.posed.task(key)
+    """Try plans at another delay, roughly first; those that may gain get their last digits.
+
+    The best plans' shapes are moved there. Where contacts stand in their way other shapes may be better a moment
+    later: then those of a thin grid are tried as well.
+    """
+    task, goals = found.posed.task(key), [goal for goal, _ in asked]
     seeds = [found.pools[best.key].chosen(np.array([best.index])) for _, best in asked]
-    goals = [goal for goal, _ in asked]
     rows = [
         (n, g, g)
         for g, (seed, (_, best)) in enumerate(zip(seeds, asked, strict=True))
         for n in _durations(task, int(seed.n[0]), best.key[1] - key[1])
     ]
+    if any(hides_better(found.pools[best.key], goal) for goal, best in asked):
+        found.lay_grid(key)
+        for g, goal in enumerate(goals):
+            if (own := found.at(key, goal)) is not None:
+                rows.append((int(found.pools[key].n[own.index]), len(seeds), g))
+                seeds.append(found.pools[key].chosen(np.array([own.index])))
     if not rows:
         return
     rough = replace(task, settings=task.settings.model_copy(update=_ROUGH)) if found.free else task
