@@ -6,6 +6,7 @@ from typing import Any
 from highd_lc.reporting import event_rows, html, labels
 from highd_lc.reporting.event import PAIRS, EventReport, Row
 from highd_lc.reporting.payload import event_payload
+from highd_lc.reporting.start_words import start_sentences
 from highd_lc.vocab import names
 from highd_lc.vocab.lcm_parameters import PARAMETERS, UNITS
 
@@ -34,6 +35,7 @@ def _context(report: EventReport, *, raw: bool) -> dict[str, Any]:
         "lead": _lead(report),
         "notices": _notices(report),
         "facts": _facts(report),
+        "starts": start_sentences(report),
         "losses": event_rows.per_accounting(report.losses, lambda a: event_rows.loss_rows(report, a)),
         "weights": event_rows.weights(report),
         "recorded": event_rows.model_error(report),
