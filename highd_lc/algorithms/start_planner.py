@@ -50,7 +50,9 @@ def plan_starts(problem: PlanningProblem) -> list[Plan]:
         return infeasible_at_start(problem, policies)
     posed = pose_starts(problem)
     pools = start_pools(posed, goals(problem))
-    return [plan for policy in policies for plan in _plans(posed, policy, pools[FORM_OF_START[policy]])]
+    nominal = {form: nominal_rejections(problem.task, free=form == names.FREE_START) for form in pools}
+    forms = [(policy, FORM_OF_START[policy]) for policy in policies]
+    return [plan for policy, form in forms for plan in _plans(posed, policy, pools[form], nominal[form])]
 
 
 def _planned(problem: PlanningProblem, form: str) -> bool:
@@ -68,10 +70,8 @@ def start_pools(posed: StartProblem, wanted: list[Goal]) -> dict[str, dict[Key, 
     return found
 
 
-def _plans(posed: StartProblem, policy: str, pools: StartPools) -> Iterator[Plan]:
+def _plans(posed: StartProblem, policy: str, pools: StartPools, nominal: dict[str, int]) -> Iterator[Plan]:
     omega = 1.0 if policy in _BENCHMARKS else posed.problem.settings.loss.omega_av
-    free = FORM_OF_START[policy] == names.FREE_START
-    nominal = nominal_rejections(posed.problem.task, free=free)
     for accounting in names.ACCOUNTINGS:
         yield _best_plan(posed, pools, Goal(accounting, omega), policy, nominal)
 
