@@ -51,7 +51,8 @@ def search_starts(
     for key in _worth_a_grid(found, goals, coarse):
         found.lay_grid(key)
     found.refined = {(CONTAINED, goal) for goal in goals}
-    found.refine([(key, goal) for goal in goals for key in _leading(found, goal)])
+    leading = [(key, goal) for goal in goals for key in _leading(found, goal)]
+    found.refine(leading + [(key, goal) for key in _after_a_jump(posed) for goal in goals])
     _descend(found, goals)
     return found.pools
 
@@ -106,6 +107,7 @@ class _Found:
         new = [one for one in wanted if one not in self.refined]
         self.refined.update(new)
         for key, goals in _grouped(new).items():
+            self.lay_grid(key)
             self.lay_whole_grid(key)
             self.pools[key] = refine(self.posed.task(key), self.pools[key], goals, free=self.free)
 
@@ -125,6 +127,12 @@ def _coarse(delays: IntArray) -> list[int]:
     edge = np.flatnonzero(np.diff(delays) > 1)
     ends = {int(delays[0]), int(delays[-1]), *delays[edge].tolist(), *delays[edge + 1].tolist()}
     return sorted(ends | set(delays[delays % _DELAY_STEP == 0].tolist()))
+
+
+def _after_a_jump(posed: StartProblem) -> list[Key]:
+    """By LCM the AV's speed may change a lot in the first step, and with it the best shape."""
+    jumps = posed.problem.settings.planner.waiting == "lcm" and 1 in posed.delays(CONTAINED[0])
+    return [(CONTAINED[0], 1)] if jumps else []
 
 
 def _worth_a_grid(found: _Found, goals: list[Goal], keys: list[Key]) -> list[Key]:

@@ -89,15 +89,4 @@ def _facts(report: EventReport) -> list[tuple[str, str]]:
         ("Followers on target lane", str(report.n_followers)),
     ]
     gains = [(form, report.gain(form)) for form, (local, _) in PAIRS.items() if report.plan(local) is not None]
-    facts += [(f"Gain, {labels.FORMS[form].lower()}", html.percent(value)) for form, value in gains]
-    return facts + [(labels.POLICIES[q].label, text) for q in names.START_POLICIES if (text := _start(report, q))]
-
-
-def _start(report: EventReport, policy: str) -> str:
-    """When a policy starts, where it goes and what that changes; empty without a plan."""
-    plan, loss = report.plan(policy), report.loss(policy)
-    contained = report.loss(policy.removesuffix("_start"))
-    if plan is None or loss is None or contained is None or html.is_missing(loss["loss_total"]):
-        return ""
-    totals = " instead of ".join(html.number(row["loss_total"], 2) for row in (loss, contained))
-    return f"waits {html.number(plan['delay_s'], 1)} s, {labels.gap(plan['gap'])}; total loss {totals}"
+    return facts + [(f"Gain, {labels.FORMS[form].lower()}", html.percent(value)) for form, value in gains]

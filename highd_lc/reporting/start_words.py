@@ -16,7 +16,7 @@ def start_sentences(report: EventReport) -> list[str]:
     moved = [q for q in planned if _differs(report.plan(q) or {})]
     found = [_sentence(report, policy) for policy in moved]
     if len(moved) < len(planned):
-        rest = ", ".join(labels.POLICIES[q].label for q in planned if q not in moved)
+        rest = "; ".join(labels.POLICIES[q].label for q in planned if q not in moved)
         found.append(f"{rest}: no other start and no other gap is better than the recorded ones.")
     return found
 
@@ -45,7 +45,8 @@ def _sentence(report: EventReport, policy: str) -> str:
         f"{_change('the followers together', now['loss_hv'], before['loss_hv'])} "
         f"({_each(now['loss_hv_each'], before['loss_hv_each'])}). "
         f"Strongest braking of a follower: {_both(now, before, 'peak_follower_decel', 1)} m/s²; smallest gap: "
-        f"{_both(now, before, 'min_gap_m', 1)} m; total loss: {_both(now, before, 'loss_total', 2)}."
+        f"{_both(now, before, 'min_gap_m', 1)} m{_alongside(now)}; "
+        f"total loss: {_both(now, before, 'loss_total', 2)}."
     )
 
 
@@ -62,6 +63,10 @@ def _change(who: str, now: float, before: float) -> str:
         return f"{who}: no change"
     verb = ("pays", "saves") if who.endswith("AV") else ("pay", "save")
     return f"{who} {verb[difference < 0.0]} {html.number(abs(difference), 2)} of loss"
+
+
+def _alongside(now: Row) -> str:
+    return " (negative: alongside at the crossing, apart only sideways)" if now["min_gap_m"] < 0.0 else ""
 
 
 def _each(now: Any, before: Any) -> str:

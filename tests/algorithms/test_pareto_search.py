@@ -11,7 +11,7 @@ from highd_lc.algorithms.planner import pose
 from highd_lc.algorithms.refinement import possible_durations
 from highd_lc.algorithms.starts import StartProblem, pose_starts
 from highd_lc.vocab import names
-from highd_lc.vocab.settings import ValidateSettings
+from highd_lc.vocab.settings import PlannerSettings, ValidateSettings
 
 OMEGAS = (0.1, 0.3, 0.5, 0.7, 0.9, 1.0)
 
@@ -62,8 +62,9 @@ def test_front_is_the_same_for_the_same_generator_seed():
     assert np.array_equal(one.loss_hv, two.loss_hv)
 
 
-def posed_starts(seed: int) -> StartProblem:
-    return pose_starts(pose(random_scene(np.random.default_rng(seed)), ValidateSettings()))
+def posed_starts(seed: int, waiting: str = "constant") -> StartProblem:
+    settings = ValidateSettings(planner=PlannerSettings(waiting=waiting))
+    return pose_starts(pose(random_scene(np.random.default_rng(seed)), settings))
 
 
 def test_cube_of_starts_holds_the_candidates_of_their_own_searches():
@@ -79,9 +80,10 @@ def test_cube_of_starts_holds_the_candidates_of_their_own_searches():
         assert (alone.av_H[0], alone.hv_H[0]) == pytest.approx((pool.av_H[i], pool.hv_H[i]), rel=1e-9)
 
 
-@pytest.fixture(scope="module", params=[4])
+@pytest.fixture(scope="module", params=[(4, "constant"), (6, "lcm")])
 def both_with_start(request) -> tuple[Points, Points, Points]:
-    posed = posed_starts(request.param)
+    # Seed 6: waiting by LCM it brakes hard at once, and another shape is best 0.1 s later.
+    posed = posed_starts(*request.param)
     rng = np.random.default_rng(1)
     front = nsga2_front(start_space(posed), names.EQUAL, population=80, generations=60, rng=rng)
     return front, sweep_starts(posed, names.EQUAL, OMEGAS), sweep(posed.problem.task, names.EQUAL, OMEGAS)

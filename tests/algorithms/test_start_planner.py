@@ -9,7 +9,7 @@ from random_scenes import random_scene
 from highd_lc.algorithms import scoring
 from highd_lc.algorithms.planner import Plan, goals, plan_all, pose
 from highd_lc.algorithms.search import search
-from highd_lc.algorithms.start_planner import plan_starts, start_pools
+from highd_lc.algorithms.start_planner import plan_starts, replay_start, start_pools
 from highd_lc.algorithms.starts import CONTAINED, best_of, pose_starts
 from highd_lc.core.quintic import sample
 from highd_lc.vocab import names
@@ -273,3 +273,17 @@ def test_overlap_at_the_start_tells_the_clearances_there():
     assert {p.status for p in plans} == {names.INFEASIBLE_AT_START}
     expected = next(p for p in plan_all(problem) if p.policy == names.BENCHMARK)
     assert all(p.margins == expected.margins and np.isnan(p.objective) for p in plans)
+
+
+def test_on_a_free_road_a_sample_of_waiting_costs_the_av_its_speed_difference_less_the_last_charge():
+    # The closed form of docs/start.md: the same shape, d samples later, loses the last d samples of its drive.
+    scene = replace(random_scene(np.random.default_rng(2), p=1), target_leader=None)
+    problem = pose(scene, with_planner(waiting="constant"))
+    posed = pose_starts(problem)
+    terms, (n, delta, change) = problem.terms, (np.array([50]), np.array([[4.0]]), np.array([[1.5]]))
+    losses = [float(posed.task((0, d)).simulate(n, delta, change).av_H[0]) for d in (0, 1, 20)]
+    av = replay_start(posed, (0, 0), posed.task((0, 0)).quintic(50, 4.0, 1.5)).av
+    charge = terms.efficiency * np.abs(np.hypot(av.vx, av.vy) - terms.av_ref) + terms.comfort * av.jerk
+    waiting = terms.efficiency * abs(terms.av_ref - scene.v0)
+    for d, loss in zip((1, 20), losses[1:], strict=True):
+        assert loss - losses[0] == pytest.approx(d * waiting - charge[-d:].sum(), rel=1e-9)
