@@ -17,14 +17,8 @@ from highd_lc.algorithms.pool import Goal, Pool
 from highd_lc.algorithms.replay import Replay
 from highd_lc.algorithms.search import search
 from highd_lc.algorithms.start_planner import key_of, replay_start
-from highd_lc.algorithms.start_search import (
-    CONTAINED,
-    Key,
-    StartProblem,
-    best_of,
-    pose_starts,
-    search_starts,
-)
+from highd_lc.algorithms.start_search import search_starts
+from highd_lc.algorithms.starts import CONTAINED, Key, StartProblem, best_of, pose_starts
 from highd_lc.core.losses import joint_objective
 from highd_lc.core.quintic import Quintic
 from highd_lc.vocab import names

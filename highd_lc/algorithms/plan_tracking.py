@@ -15,7 +15,7 @@ from highd_lc.algorithms.multibody import track_multibody
 from highd_lc.algorithms.planner import Plan, PlanningProblem, clearance_margins
 from highd_lc.algorithms.replay import AvMotion, Replay, replay
 from highd_lc.algorithms.start_planner import key_of, replay_behind
-from highd_lc.algorithms.start_search import StartProblem, pose_starts
+from highd_lc.algorithms.starts import StartProblem, pose_starts
 from highd_lc.algorithms.tracked_motion import (
     AvLoss,
     SampledMotion,

@@ -117,7 +117,7 @@ def plan_all(problem: PlanningProblem) -> list[Plan]:
     """
     plans = [plan for policy in names.REFERENCE_POLICIES for plan in reference_plans(problem, policy)]
     if overlap_at_start(problem):
-        return plans + list(_infeasible_at_start(problem))
+        return plans + infeasible_at_start(problem, [q for q in policies(problem.settings) if q in FORM_OF])
     return plans + list(_optimal(problem, problem.pools))
 
 
@@ -236,12 +236,11 @@ def overlap_at_start(problem: PlanningProblem) -> list[str]:
     return [role for role, clearance in start_clearances(problem).items() if clearance < 0.0]
 
 
-def _infeasible_at_start(problem: PlanningProblem) -> Iterator[Plan]:
+def infeasible_at_start(problem: PlanningProblem, planned: list[str]) -> list[Plan]:
+    """The plans of policies for an event whose ellipses overlap at t_start already, with the clearances there."""
     margin = {f"clearance_{role}": clearance for role, clearance in start_clearances(problem).items()}
-    for policy in policies(problem.settings):
-        if policy in FORM_OF:
-            for accounting in names.ACCOUNTINGS:
-                yield Plan(policy, accounting, names.INFEASIBLE_AT_START, margins=margin)
+    cells = [(policy, accounting) for policy in planned for accounting in names.ACCOUNTINGS]
+    return [Plan(*cell, names.INFEASIBLE_AT_START, margins=margin) for cell in cells]
 
 
 def rejections(

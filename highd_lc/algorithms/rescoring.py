@@ -1,6 +1,12 @@
-"""Followers' losses of a given motion of the AV under other drivers: drawn LCM parameters, or the IDM."""
+"""Followers' losses of a given motion of the AV under other drivers: drawn LCM parameters, or the IDM.
+
+The chain of followers drives behind the target leader. One of them has the AV ahead instead from some sample on:
+the first one from t_start, or whoever is behind the gap that an AV chose with its start. If that one goes ahead
+of the target leader, the leader keeps the motion that it has under the plan, by LCM, whoever the followers are.
+"""
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -8,10 +14,11 @@ from numpy.typing import NDArray
 
 from highd_lc.algorithms.candidates import LossTerms
 from highd_lc.algorithms.packing import PackedScene
-from highd_lc.algorithms.replay import AvMotion
+from highd_lc.algorithms.replay import AvMotion, Entry
 from highd_lc.core.idm import MOTORWAY, IdmParameters, idm_acceleration
 from highd_lc.core.lcm import lcm_acceleration
 from highd_lc.core.losses import cumulative_comfort, cumulative_efficiency
+from highd_lc.vocab.lcm_parameters import REPLAY_L_BOUNDS
 
 FloatArray = NDArray[np.float64]
 
@@ -24,30 +31,69 @@ class Charged:
     to_H: FloatArray
 
 
-def lcm_followers(av: AvMotion, scene: PackedScene, terms: LossTerms, parameters: FloatArray) -> Charged:
+class Joining(NamedTuple):
+    """Where the AV joins the chain of the followers.
+
+    follower: who has it ahead (-1: none of them) from the sample ``since`` on; uncounted: sample at which the step
+    of that one's command is not charged (-1: none). target_front [m], target_v [m/s]: of the target leader.
+    """
+
+    follower: int
+    since: int
+    uncounted: int
+    target_front: FloatArray
+    target_v: FloatArray
+
+
+def joining(av: AvMotion, scene: PackedScene, entry: Entry | None) -> Joining:
+    """How the AV of a replay joins. entry: as in ``Replay``."""
+    crossing = av.crossing if scene.from_crossing else 0
+    if entry is None:
+        return Joining(0, crossing, -1, scene.target_front, scene.target_v)
+    handed = -1 if entry.hand_over is None else entry.hand_over
+    return Joining(entry.place - 1, max(crossing, handed), handed, entry.target_front, entry.target_v)
+
+
+def lcm_followers(
+    av: AvMotion, scene: PackedScene, terms: LossTerms, parameters: FloatArray, entry: Entry | None = None
+) -> Charged:
     """The followers' aggregated loss for each of K sets of LCM parameters, shape (K, p, 6).
 
-    L of the first follower behind the target leader moves with its L behind the AV.
+    L of a follower behind the one before, or behind the AV, moves with its own L. entry: as in ``Replay``.
     """
     count = len(parameters)
     out = Charged(np.zeros(count), np.zeros(count))
-    first_L = scene.first_L + parameters[:, 0, 5] - scene.parameters[0, 5]
+    joined = joining(av, scene, entry)
     drivers = np.ascontiguousarray(parameters.transpose(1, 2, 0)).reshape(len(scene.follower_x), -1)
-    front, insertion = _front(av, scene)
-    _drive_lcm(front, av.vx, insertion, av.n, scene, terms, drivers, first_L, out.to_T, out.to_H)
+    before, behind_av = _moved_lengths(parameters, scene, joined.follower)
+    _drive_lcm(
+        av.x + scene.length / 2.0, av.vx, joined, av.n, scene, terms, drivers, before, behind_av, *_ends(out)
+    )
     return out
 
 
-def idm_followers(av: AvMotion, scene: PackedScene, terms: LossTerms) -> Charged:
+def _ends(charged: Charged) -> tuple[FloatArray, FloatArray]:
+    return charged.to_T, charged.to_H
+
+
+def _moved_lengths(parameters: FloatArray, scene: PackedScene, follower: int) -> tuple[FloatArray, FloatArray]:
+    """L behind whoever is ahead in the chain, shape (p, K), and that of ``follower`` behind the AV, (K,).
+
+    The first follower's parameters hold its L behind the AV, the others' that behind the one before.
+    """
+    before = parameters[:, :, 5].T.copy()
+    before[0] += scene.first_L - scene.parameters[0, 5]
+    if follower <= 0:
+        return before, parameters[:, 0, 5].copy()
+    moved = parameters[:, follower, 5] - scene.follower_length[follower - 1] + scene.length
+    return before, np.clip(moved, *REPLAY_L_BOUNDS)
+
+
+def idm_followers(av: AvMotion, scene: PackedScene, terms: LossTerms, entry: Entry | None = None) -> Charged:
     """The followers' aggregated loss if all of them drive by the IDM on a motorway; shape (1,)."""
-    front, insertion = _front(av, scene)
-    to_T, to_H = _drive_idm(front, av.vx, insertion, av.n, scene, terms, MOTORWAY)
+    joined = joining(av, scene, entry)
+    to_T, to_H = _drive_idm(av.x + scene.length / 2.0, av.vx, joined, av.n, scene, terms, MOTORWAY)
     return Charged(np.array([to_T]), np.array([to_H]))
-
-
-def _front(av: AvMotion, scene: PackedScene) -> tuple[FloatArray, int]:
-    """The AV's front, and the sample from which on the first follower follows it."""
-    return av.x + scene.length / 2.0, av.crossing if scene.from_crossing else 0
 
 
 def av_charged(av: AvMotion, terms: LossTerms) -> tuple[float, float]:
@@ -64,12 +110,13 @@ def av_charged(av: AvMotion, terms: LossTerms) -> tuple[float, float]:
 def _drive_lcm(
     av_front: FloatArray,
     av_v: FloatArray,
-    insertion: int,
+    joined: Joining,
     n: int,
     scene: PackedScene,
     terms: LossTerms,
     drivers: FloatArray,
-    first_L: FloatArray,
+    before_L: FloatArray,
+    behind_av_L: FloatArray,
     to_T: FloatArray,
     to_H: FloatArray,
 ) -> None:
@@ -80,24 +127,24 @@ def _drive_lcm(
     K, samples, dt = len(to_T), len(av_v), scene.dt
     front, speed = np.empty(samples * K), np.empty(samples * K)
     for k in range(samples):
-        for w in range(k * K, (k + 1) * K):
-            front[w] = scene.target_front[k] if k < insertion else av_front[k]
-            speed[w] = scene.target_v[k] if k < insertion else av_v[k]
+        front[k * K : (k + 1) * K], speed[k * K : (k + 1) * K] = joined.target_front[k], joined.target_v[k]
     state = np.empty(5 * K)
     both_sides = 0.0 if terms.one_sided else 1.0
     for i in range(len(scene.follower_x)):
-        ref, own = terms.hv_ref[i], drivers[i]
+        ref, own, joins = terms.hv_ref[i], drivers[i], i == joined.follower
+        if joins:
+            for k in range(joined.since, samples):
+                front[k * K : (k + 1) * K], speed[k * K : (k + 1) * K] = av_front[k], av_v[k]
         for w in range(K):
             state[w] = 0.0
             state[K + w] = scene.follower_x[i] + scene.follower_length[i] / 2.0
             state[2 * K + w] = scene.follower_v[i]
             state[3 * K + w] = 0.0
-            state[4 * K + w] = own[5 * K + w]
+            state[4 * K + w] = before_L[i, w]
         for k in range(samples):
-            if i == 0 and insertion > 0:
-                for w in range(K):
-                    state[4 * K + w] = first_L[w] if k < insertion else own[5 * K + w]
-            counted = terms.comfort / dt if k > 0 else 0.0
+            if joins and k == joined.since:
+                state[4 * K : 5 * K] = behind_av_L
+            counted = 0.0 if k == 0 or (joins and k == joined.uncounted) else terms.comfort / dt
             for w in range(K):
                 x, v = state[K + w], state[2 * K + w]
                 a = lcm_acceleration(
@@ -129,7 +176,7 @@ def _drive_lcm(
 def _drive_idm(
     av_front: FloatArray,
     av_v: FloatArray,
-    insertion: int,
+    joined: Joining,
     n: int,
     scene: PackedScene,
     terms: LossTerms,
@@ -137,19 +184,19 @@ def _drive_idm(
 ) -> tuple[float, float]:
     """The followers' loss to T and to H when all are the same IDM driver; conventions of ``replay.follow``."""
     dt, to_T, to_H = scene.dt, 0.0, 0.0
-    front, speed = np.empty(len(av_v)), np.empty(len(av_v))
-    for k in range(len(av_v)):
-        front[k] = scene.target_front[k] if k < insertion else av_front[k]
-        speed[k] = scene.target_v[k] if k < insertion else av_v[k]
+    front, speed = joined.target_front.copy(), joined.target_v.copy()
     for i in range(len(scene.follower_x)):
+        joins = i == joined.follower
+        if joins:
+            front[joined.since :], speed[joined.since :] = av_front[joined.since :], av_v[joined.since :]
         x, v = scene.follower_x[i] + scene.follower_length[i] / 2.0, scene.follower_v[i]
-        ahead, before, loss = scene.length if i == 0 else scene.follower_length[i - 1], 0.0, 0.0
+        ahead, before, loss = scene.target_length if i == 0 else scene.follower_length[i - 1], 0.0, 0.0
         for k in range(len(av_v)):
-            length = scene.target_length if i == 0 and k < insertion else ahead
+            length = scene.length if joins and k >= joined.since else ahead
             a = idm_acceleration(v, front[k] - length - x, speed[k], driver)
             short = terms.hv_ref[i] - v
             loss += terms.efficiency * (max(short, 0.0) if terms.one_sided else abs(short))
-            if k > 0:
+            if k > 0 and not (joins and k == joined.uncounted):
                 loss += terms.comfort / dt * abs(a - before)
             if k == n:
                 to_T += terms.weights[i] * loss

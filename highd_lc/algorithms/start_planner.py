@@ -13,18 +13,14 @@ from highd_lc.algorithms.planner import (
     clearance_margins,
     closest_margins,
     goals,
+    infeasible_at_start,
     overlap_at_start,
 )
 from highd_lc.algorithms.pool import OVERTAKES, Goal, Pool
 from highd_lc.algorithms.replay import AvMotion, Entry, Replay, clearances, drive_on, follow, plan_motion
-from highd_lc.algorithms.start_search import (
-    CONTAINED,
-    Key,
-    StartProblem,
-    best_of,
-    pose_starts,
-    search_starts,
-)
+from highd_lc.algorithms.search import nominal_rejections
+from highd_lc.algorithms.start_search import search_starts
+from highd_lc.algorithms.starts import CONTAINED, Key, StartProblem, best_of, pose_starts
 from highd_lc.core.quintic import Quintic
 from highd_lc.vocab import names
 
@@ -36,6 +32,9 @@ FORM_OF_START = {
     names.BENCHMARK_FREE_START: names.FREE_START,
     names.LOCAL_OPTIMUM_FREE_START: names.FREE_START,
 }
+OVERTAKES_LEADER = "overtakes_leader"
+"""The constraint to end behind the gap's leader, beside those of ``planner``."""
+_LOOKED_AT = 100
 _BENCHMARKS = (names.BENCHMARK_START, names.BENCHMARK_FREE_START)
 
 StartPools = Mapping[Key, Pool]
@@ -48,11 +47,12 @@ def plan_starts(problem: PlanningProblem) -> list[Plan]:
     """
     policies = [q for q in FORM_OF_START if _planned(problem, FORM_OF_START[q])]
     if overlap_at_start(problem):
-        status = names.INFEASIBLE_AT_START
-        return [Plan(policy, accounting, status) for policy in policies for accounting in names.ACCOUNTINGS]
+        return infeasible_at_start(problem, policies)
     posed = pose_starts(problem)
     pools = start_pools(posed, goals(problem))
-    return [plan for policy in policies for plan in _plans(posed, policy, pools[FORM_OF_START[policy]])]
+    nominal = {form: nominal_rejections(problem.task, free=form == names.FREE_START) for form in pools}
+    forms = [(policy, FORM_OF_START[policy]) for policy in policies]
+    return [plan for policy, form in forms for plan in _plans(posed, policy, pools[form], nominal[form])]
 
 
 def _planned(problem: PlanningProblem, form: str) -> bool:
@@ -70,31 +70,52 @@ def start_pools(posed: StartProblem, wanted: list[Goal]) -> dict[str, dict[Key, 
     return found
 
 
-def _plans(posed: StartProblem, policy: str, pools: StartPools) -> Iterator[Plan]:
+def _plans(posed: StartProblem, policy: str, pools: StartPools, nominal: dict[str, int]) -> Iterator[Plan]:
     omega = 1.0 if policy in _BENCHMARKS else posed.problem.settings.loss.omega_av
     for accounting in names.ACCOUNTINGS:
-        yield _best_plan(posed, pools, Goal(accounting, omega), policy)
+        yield _best_plan(posed, pools, Goal(accounting, omega), policy, nominal)
 
 
-def _best_plan(posed: StartProblem, pools: StartPools, goal: Goal, policy: str) -> Plan:
-    count, rejected = _rejections(posed, pools, goal.accounting)
+def _best_plan(posed: StartProblem, pools: StartPools, goal: Goal, policy: str, nominal: dict[str, int]) -> Plan:
+    count, rejected = _rejections(posed, pools, goal.accounting, nominal)
     best = best_of(pools, goal)
     plan = partial(Plan, policy, goal.accounting, candidates=count, rejected_by=rejected)
     if best is None:
-        margin = closest_margins(posed.problem, pools[CONTAINED], goal.accounting)
-        return plan(status=names.INFEASIBLE, margins=margin)
+        return plan(status=names.INFEASIBLE, margins=_closest(posed, pools, goal.accounting))
     quintic = _quintic(posed, pools, best.key, best.index)
     played = replay_start(posed, best.key, quintic)
-    margin = dynamics.margins(quintic, posed.task(best.key).limit)
     return plan(
         status=names.SOLVED,
         quintic=quintic,
         replay=played,
         objective=best.objective,
-        margins=margin | clearance_margins(posed.problem, played, goal.accounting),
+        margins=_margins(posed, best.key, quintic, played, goal.accounting),
         delay_s=round(best.key[1] * posed.problem.packed.dt, 10),
         gap=posed.gaps[best.key[0]].name,
     )
+
+
+def _margins(posed: StartProblem, key: Key, quintic: Quintic, played: Replay, accounting: str) -> dict[str, float]:
+    """Margin of every constraint; of ending behind the gap's leader in m, infinite without one."""
+    task, n = posed.task(key), round(quintic.T / posed.problem.packed.dt)
+    behind = float(task.scene.target_front[n]) - task.scene.length / 2.0 - quintic.x_final
+    found = dynamics.margins(quintic, task.limit) | {OVERTAKES_LEADER: behind}
+    return found | clearance_margins(posed.problem, played, accounting)
+
+
+def _closest(posed: StartProblem, pools: StartPools, accounting: str) -> dict[str, float]:
+    """Without a feasible plan at any start: the largest margin of each constraint over some candidates of all."""
+    kept = [(key, int(i)) for key, pool in pools.items() for i in np.flatnonzero(_within_limits(pool))]
+    if not kept:
+        return closest_margins(posed.problem, pools[CONTAINED], accounting)
+    closest: dict[str, float] = {}
+    for place in np.unique(np.linspace(0, len(kept) - 1, _LOOKED_AT).astype(int)):
+        key, i = kept[place]
+        quintic = _quintic(posed, pools, key, i)
+        played = replay_start(posed, key, quintic)
+        for name, margin in _margins(posed, key, quintic, played, accounting).items():
+            closest[name] = max(float(margin), closest.get(name, -np.inf))
+    return closest
 
 
 def _quintic(posed: StartProblem, pools: StartPools, key: Key, index: int) -> Quintic:
@@ -102,18 +123,27 @@ def _quintic(posed: StartProblem, pools: StartPools, key: Key, index: int) -> Qu
     return posed.task(key).quintic(int(pool.n[index]), float(pool.delta[index]), float(pool.change[index]))
 
 
-def _rejections(posed: StartProblem, pools: StartPools, accounting: str) -> tuple[int, dict[str, int]]:
-    """Candidates simulated, and how many each constraint rejected, at all starts together."""
-    codes = np.concatenate([pool.violation for pool in pools.values()])
+def _within_limits(pool: Pool) -> NDArray[np.bool_]:
+    within: NDArray[np.bool_] = (pool.violation == 0) | (pool.violation == OVERTAKES)
+    return within
+
+
+def _rejections(
+    posed: StartProblem, pools: StartPools, accounting: str, nominal: dict[str, int]
+) -> tuple[int, dict[str, int]]:
+    """Candidates looked at, and how many each constraint rejected; every one counts for its first violation.
+
+    As in ``planner.rejections``: limits of motion on the plain grid of a start at t_start (nominal), the rest in
+    the candidates that were simulated, at all starts together.
+    """
+    kept = sum(int(_within_limits(pool).sum()) for pool in pools.values())
     touched = np.concatenate(
         [pool.role[(pool.violation == 0) & ~pool.feasible(accounting)] for pool in pools.values()]
     )
-    by_code = np.bincount(codes, minlength=OVERTAKES + 1)
     by_role = np.bincount(touched, minlength=len(posed.problem.roles))
-    found = {name: int(by_code[i + 1]) for i, name in enumerate(dynamics.CONSTRAINTS)}
-    found["overtakes_leader"] = int(by_code[OVERTAKES])
-    found |= {f"clearance_{role}": int(c) for role, c in zip(posed.problem.roles, by_role, strict=True)}
-    return len(codes), found
+    overtaking = sum(int((pool.violation == OVERTAKES).sum()) for pool in pools.values())
+    touching = {f"clearance_{role}": int(c) for role, c in zip(posed.problem.roles, by_role, strict=True)}
+    return sum(nominal.values()) + kept, nominal | {OVERTAKES_LEADER: overtaking} | touching
 
 
 def key_of(posed: StartProblem, gap: str, delay_s: float) -> Key:

@@ -4,24 +4,22 @@ Fifty delays times three gaps times the planner's search would take a second and
 function of the delay is smooth but for contacts, so: every fifth delay of every gap on a thin grid; from the most
 promising ones of each goal, the planner's own refinement; then from delay to delay as long as a goal gains. The
 planner's pool of the recorded gap without delay is among the starts: no policy loses to the one that it contains.
+
+All goals go through these steps together: what a start is looked at for is one call of the kernels.
 """
 
-from collections.abc import Mapping
-from dataclasses import dataclass
-from functools import cached_property
-from typing import Final
+from collections.abc import Hashable, Iterable, Mapping
+from dataclasses import dataclass, field, replace
+from typing import Final, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from highd_lc.algorithms.contacts import NO_CONTACT
-from highd_lc.algorithms.dynamics import limits
-from highd_lc.algorithms.gaps import Gap, before, find_gaps
-from highd_lc.algorithms.planner import PlanningProblem
+from highd_lc.algorithms.edges import hides_better
 from highd_lc.algorithms.pool import Goal, Pool, Task
-from highd_lc.algorithms.refinement import possible_durations, refine, zoom_rows
+from highd_lc.algorithms.refinement import Row, possible_durations, refine, zoom_rows
 from highd_lc.algorithms.search import grid
-from highd_lc.algorithms.waiting import Waiting, wait
+from highd_lc.algorithms.starts import CONTAINED, Best, Key, StartProblem, best_at
 
 IntArray = NDArray[np.int64]
 
@@ -29,62 +27,16 @@ _DELAY_STEP: Final = 5
 _THIN: Final = {"x_nodes": 17, "v_nodes": 7}
 _DURATION_STEP_FIXED: Final = 4
 _DURATION_STEP_FREE: Final = 8
+_ROUGH: Final = {"zoom_levels_free": 3}
+_FINE: Final = 0.3
+"""Window of a zoom that goes on from a rough one, over a step of the grid."""
+_UNDECIDED: Final = 0.003
+"""Relative error of a rough zoom."""
 _LEADING: Final = 3
 _PROMISING: Final = 1.25
 """How far above the best value on the thin grid a start may lie to be refined; the grid errs by less."""
 
-Key = tuple[int, int]
-"""A start: number of its gap, delay in samples."""
-CONTAINED: Final = (0, 0)
-"""The start of the policies without a choice: the recorded gap, no delay."""
-
-
-@dataclass(frozen=True)
-class StartProblem:
-    """Every start of an event from sample ``earliest`` on: its gaps and the AV's waiting for them."""
-
-    problem: PlanningProblem
-    waiting: Waiting
-    gaps: tuple[Gap, ...]
-    earliest: int = 0
-
-    @cached_property
-    def latest(self) -> int:
-        """The last sample at which a manoeuvre may end."""
-        wanted = round(self.problem.settings.planner.latest_end_s / self.problem.packed.dt)
-        return min(wanted, len(self.problem.packed.target_v) - 1)
-
-    def delays(self, gap: int) -> IntArray:
-        """The delays after which the AV may start for a gap [samples]: it has touched nobody, the gap is open."""
-        planner, dt = self.problem.settings.planner, self.problem.packed.dt
-        last = min(round(planner.max_delay_s / dt), self.latest - round(planner.T_min / dt))
-        last = min(last, self.waiting.contact - 1) if self.waiting.contact < NO_CONTACT else last
-        allowed = np.flatnonzero(self.gaps[gap].opens(self.waiting)[: last + 1])
-        later: IntArray = allowed[allowed >= self.earliest]
-        return later
-
-    def task(self, key: Key) -> Task:
-        """The search that a start poses."""
-        gap, d = self.gaps[key[0]], key[1]
-        scene = gap.delayed(d, self.waiting)
-        limit = limits(scene.v0, self.problem.settings.constraints)
-        return Task(scene, gap.terms, limit, self.problem.settings.planner, before(gap, d, self.latest))
-
-
-@dataclass(frozen=True)
-class Best:
-    """The best candidate of a goal: its start, its place in that start's pool, its objective."""
-
-    key: Key
-    index: int
-    objective: float
-
-
-def pose_starts(problem: PlanningProblem) -> StartProblem:
-    """The starts of an event, with the AV's waiting under the settings."""
-    behind_leader = problem.settings.planner.waiting == "lcm"
-    waiting = wait(problem.scene, problem.packed, behind_leader=behind_leader)
-    return StartProblem(problem, waiting, tuple(find_gaps(problem.scene, problem.packed, problem.terms, waiting)))
+_Asked = TypeVar("_Asked", bound=Hashable)
 
 
 def search_starts(
@@ -94,28 +46,78 @@ def search_starts(
 
     known: the planner's pool as that of the contained start; for a free end speed all pools of the fixed form.
     """
-    pools = dict(known)
-    for gap in range(len(posed.gaps)):
-        for d in _coarse(posed.delays(gap)):
-            if (gap, d) != CONTAINED:
-                _add(pools, (gap, d), _thin_grid(posed.task((gap, d)), free))
-    refined: dict[Key, set[Goal]] = {CONTAINED: set(goals)}
-    for goal in goals:
-        for key in _leading(pools, goal):
-            _refine(posed, pools, key, goal, refined, free)
-    for goal in goals:
-        _descend(posed, pools, goal, refined, free)
-    return pools
+    found = _Found(posed, dict(known), free)
+    coarse = [(gap, d) for gap in range(len(posed.gaps)) for d in _coarse(posed.delays(gap))]
+    for key in _worth_a_grid(found, goals, coarse):
+        found.lay_grid(key)
+    found.refined = {(CONTAINED, goal) for goal in goals}
+    leading = [(key, goal) for goal in goals for key in _leading(found, goal)]
+    found.refine(leading + [(key, goal) for key in _after_a_jump(posed) for goal in goals])
+    _descend(found, goals)
+    return found.pools
 
 
-def best_of(pools: Mapping[Key, Pool], goal: Goal) -> Best | None:
-    """The best candidate of all starts, the earliest start of equals; None if none is feasible."""
-    found = []
-    for key, pool in pools.items():
-        index = pool.best(goal) if len(pool) else None
-        if index is not None:
-            found.append(Best(key, index, float(pool.objective(goal)[index])))
-    return min(found, key=lambda best: (best.objective, best.key), default=None)
+@dataclass
+class _Found:
+    """A search under way: the pool of each start, and what each start was refined for.
+
+    The best of a start is remembered until its pool changes: every step asks for it, of every goal.
+    """
+
+    posed: StartProblem
+    pools: dict[Key, Pool]
+    free: bool
+    gridded: set[Key] = field(default_factory=lambda: {CONTAINED})
+    whole: set[Key] = field(default_factory=lambda: {CONTAINED})
+    refined: set[tuple[Key, Goal]] = field(default_factory=set)
+    known: dict[tuple[Key, Goal], tuple[Pool, Best | None]] = field(default_factory=dict)
+
+    def add(self, key: Key, pool: Pool) -> None:
+        """More candidates of a start."""
+        self.pools[key] = self.pools[key].joined(pool) if key in self.pools else pool
+
+    def lay_grid(self, key: Key) -> None:
+        """Plans of a start on the thin grid, once."""
+        if key not in self.gridded:
+            self.gridded.add(key)
+            self.add(key, _thin_grid(self.posed.task(key), self.free))
+
+    def lay_whole_grid(self, key: Key) -> None:
+        """Plans of a start on the planner's own grid, once; of the fixed form alone, where it costs little."""
+        if not self.free and key not in self.whole:
+            self.whole.add(key)
+            task = self.posed.task(key)
+            self.add(key, grid(task, possible_durations(task), free=False))
+
+    def at(self, key: Key, goal: Goal) -> Best | None:
+        """The best candidate of a start."""
+        pool, best = self.known.get((key, goal), (None, None))
+        if pool is not self.pools[key]:
+            best = best_at(key, self.pools[key], goal)
+            self.known[key, goal] = self.pools[key], best
+        return best
+
+    def everywhere(self, goal: Goal) -> list[Best]:
+        """The best of each start that has a feasible candidate, best first, the earliest of equals."""
+        found = [best for key in self.pools if (best := self.at(key, goal)) is not None]
+        return sorted(found, key=lambda best: (best.objective, best.key))
+
+    def refine(self, wanted: list[tuple[Key, Goal]]) -> None:
+        """Bring starts to the planner's precision, each for each goal once."""
+        new = [one for one in wanted if one not in self.refined]
+        self.refined.update(new)
+        for key, goals in _grouped(new).items():
+            self.lay_grid(key)
+            self.lay_whole_grid(key)
+            self.pools[key] = refine(self.posed.task(key), self.pools[key], goals, free=self.free)
+
+
+def _grouped(pairs: Iterable[tuple[Key, _Asked]]) -> dict[Key, list[_Asked]]:
+    """What is asked of each start, in order, once."""
+    groups: dict[Key, dict[_Asked, None]] = {}
+    for key, asked in pairs:
+        groups.setdefault(key, {})[asked] = None
+    return {key: list(group) for key, group in groups.items()}
 
 
 def _coarse(delays: IntArray) -> list[int]:
@@ -127,69 +129,111 @@ def _coarse(delays: IntArray) -> list[int]:
     return sorted(ends | set(delays[delays % _DELAY_STEP == 0].tolist()))
 
 
+def _after_a_jump(posed: StartProblem) -> list[Key]:
+    """By LCM the AV's speed may change a lot in the first step, and with it the best shape."""
+    jumps = posed.problem.settings.planner.waiting == "lcm" and 1 in posed.delays(CONTAINED[0])
+    return [(CONTAINED[0], 1)] if jumps else []
+
+
+def _worth_a_grid(found: _Found, goals: list[Goal], keys: list[Key]) -> list[Key]:
+    """The starts that are not searched yet, without those which the fixed form shows to be hopeless for all goals.
+
+    A start at which every plan of the fixed form touches somebody counts as hopeless, too, unless all starts do:
+    measured against the search at every start, nothing is lost by that (docs/start.md).
+    """
+    limit = [_PROMISING * best[0].objective if (best := found.everywhere(goal)) else np.inf for goal in goals]
+
+    def hopeless(pool: Pool) -> bool:
+        return all((pool.objective(g) > most).all() for g, most in zip(goals, limit, strict=True))
+
+    return [key for key in keys if key != CONTAINED and not (key in found.pools and hopeless(found.pools[key]))]
+
+
 def _thin_grid(task: Task, free: bool) -> Pool:
-    thin = Task(task.scene, task.terms, task.limit, task.settings.model_copy(update=_THIN), task.before)
+    thin = replace(task, settings=task.settings.model_copy(update=_THIN))
     step = _DURATION_STEP_FREE if free else _DURATION_STEP_FIXED
     return grid(thin, possible_durations(thin)[::step], free=free)
 
 
-def _leading(pools: dict[Key, Pool], goal: Goal) -> list[Key]:
+def _leading(found: _Found, goal: Goal) -> list[Key]:
     """The most promising starts of a goal, no two of them neighbours on the coarse grid."""
-    value = {key: float(pool.objective(goal).min()) for key, pool in pools.items() if len(pool)}
-    value = {key: lowest for key, lowest in value.items() if np.isfinite(lowest)}
     chosen: list[Key] = []
-    for key in sorted(value, key=lambda key: (value[key], key)):
-        near = any(key[0] == gap and abs(key[1] - d) <= _DELAY_STEP for gap, d in chosen)
-        if not value[key] <= _PROMISING * min(value.values()):
+    ranked = found.everywhere(goal)
+    for best in ranked:
+        near = any(best.key[0] == gap and abs(best.key[1] - d) <= _DELAY_STEP for gap, d in chosen)
+        if best.objective > _PROMISING * ranked[0].objective or len(chosen) == _LEADING:
             break
         if not near:
-            chosen.append(key)
-        if len(chosen) == _LEADING:
-            break
+            chosen.append(best.key)
     return chosen
 
 
-def _refine(
-    posed: StartProblem, pools: dict[Key, Pool], key: Key, goal: Goal, refined: dict[Key, set[Goal]], free: bool
-) -> None:
-    """Bring a start's pool to the planner's precision for a goal, once."""
-    if goal not in refined.setdefault(key, set()):
-        refined[key].add(goal)
-        pools[key] = refine(posed.task(key), pools[key], [goal], free=free)
+def _descend(found: _Found, goals: list[Goal]) -> None:
+    """Look at the delays next to each goal's best start, and move there as long as the goal gains."""
+    seen: set[tuple[Key, Goal]] = set()
+    while here := [start for start in _best_starts(found, goals) if start not in seen]:
+        seen.update(here)
+        found.refine(here)
+        leading = [(goal, found.everywhere(goal)[0]) for _, goal in here]
+        beside = [(key, (goal, best)) for goal, best in leading for key in _beside(found.posed, best.key)]
+        for key, asked in _grouped(beside).items():
+            _look(found, key, asked)
 
 
-def _descend(
-    posed: StartProblem, pools: dict[Key, Pool], goal: Goal, refined: dict[Key, set[Goal]], free: bool
-) -> None:
-    """Look at the delays next to a goal's best start, and move there as long as the goal gains."""
-    seen: set[Key] = set()
-    while (best := best_of(pools, goal)) is not None and best.key not in seen:
-        seen.add(best.key)
-        _refine(posed, pools, best.key, goal, refined, free)
-        best = best_of(pools, goal) or best
-        allowed = set(posed.delays(best.key[0]).tolist())
-        for step in range(1 - _DELAY_STEP, _DELAY_STEP):
-            key = (best.key[0], best.key[1] + step)
-            if step and key[1] in allowed:
-                _look(posed, pools, key, best, goal, free)
+def _best_starts(found: _Found, goals: list[Goal]) -> list[tuple[Key, Goal]]:
+    return [(best[0].key, goal) for goal in goals if (best := found.everywhere(goal))]
 
 
-def _look(posed: StartProblem, pools: dict[Key, Pool], key: Key, best: Best, goal: Goal, free: bool) -> None:
-    """Try the best plan's shape at another delay: with about the same duration, with the same end, and with
-    durations that change faster than the delay, as where a vehicle has to pass first.
+def _beside(posed: StartProblem, key: Key) -> list[Key]:
+    """The starts next to one: the same gap, up to four samples earlier or later."""
+    allowed = set(posed.delays(key[0]).tolist())
+    steps = (step for step in range(1 - _DELAY_STEP, _DELAY_STEP) if step)
+    return [(key[0], key[1] + step) for step in steps if key[1] + step in allowed]
+
+
+def _look(found: _Found, key: Key, asked: list[tuple[Goal, Best]]) -> None:
+    """Try plans at another delay, roughly first; those that may gain get their last digits.
+
+    The best plans' shapes are moved there. Where contacts stand in their way other shapes may be better a moment
+    later: then those of a thin grid are tried as well.
     """
-    task, there = posed.task(key), pools[best.key]
-    n = int(there.n[best.index])
-    durations = set(possible_durations(task).tolist())
-    earlier = best.key[1] - key[1]
+    task, goals = found.posed.task(key), [goal for goal, _ in asked]
+    seeds = [found.pools[best.key].chosen(np.array([best.index])) for _, best in asked]
+    rows = [
+        (n, g, g)
+        for g, (seed, (_, best)) in enumerate(zip(seeds, asked, strict=True))
+        for n in _durations(task, int(seed.n[0]), best.key[1] - key[1])
+    ]
+    if any(hides_better(found.pools[best.key], goal) for goal, best in asked):
+        found.lay_grid(key)
+        for g, goal in enumerate(goals):
+            if (own := found.at(key, goal)) is not None:
+                rows.append((int(found.pools[key].n[own.index]), len(seeds), g))
+                seeds.append(found.pools[key].chosen(np.array([own.index])))
+    if not rows:
+        return
+    rough = replace(task, settings=task.settings.model_copy(update=_ROUGH)) if found.free else task
+    known = seeds[0].joined(*seeds[1:])
+    pool, reached = zoom_rows(rough, known, goals, rows, free=found.free)
+    if found.free:
+        rows = _worthwhile(pool, goals, rows, reached, [best.objective for _, best in asked])
+        pool, _ = zoom_rows(task, pool, goals, rows, free=True, window=_FINE)
+    found.add(key, pool.chosen(np.arange(len(known), len(pool))))
+
+
+def _durations(task: Task, n: int, earlier: int) -> list[int]:
+    """About the same duration, the same end, and durations that change faster than the delay, as where a vehicle
+    has to pass first. earlier: by how many samples the manoeuvre starts earlier.
+    """
     wanted = {n - 1, n, n + 1} | {n + k * earlier for k in (1, 2, 3, 4)}
-    rows = [(m, 0, 0) for m in sorted(wanted & durations)]
-    if rows:
-        seed = there.chosen(np.array([best.index]))
-        found, _ = zoom_rows(task, seed, [goal], rows, free=free)
-        found = found.chosen(np.arange(len(seed), len(found)))
-        _add(pools, key, found)
+    return sorted(wanted & set(possible_durations(task).tolist()))
 
 
-def _add(pools: dict[Key, Pool], key: Key, found: Pool) -> None:
-    pools[key] = pools[key].joined(found) if key in pools else found
+def _worthwhile(pool: Pool, goals: list[Goal], rows: list[Row], reached: IntArray, best: list[float]) -> list[Row]:
+    """The rows from where they have got to, as far as the last digits may decide."""
+    values = [pool.objective(goal) for goal in goals]
+    return [
+        (n, int(i), g)
+        for (n, _, g), i in zip(rows, reached, strict=True)
+        if i >= 0 and values[g][i] <= (1.0 + _UNDECIDED) * best[g]
+    ]

@@ -9,7 +9,7 @@ from highd_lc.algorithms import rescoring
 from highd_lc.algorithms.planner import Plan, PlanningProblem
 from highd_lc.algorithms.rescoring import Charged
 from highd_lc.algorithms.sampling import event_generator, parameter_draws
-from highd_lc.algorithms.variants import best_of, with_parameters
+from highd_lc.algorithms.variants import best_of, best_starts, with_parameters
 from highd_lc.vocab import names
 
 FloatArray = NDArray[np.float64]
@@ -42,9 +42,10 @@ def draws_of(problem: PlanningProblem, count: int, *, seed: int) -> FloatArray:
     return parameter_draws(problem.packed.parameters, spread, count, rng)
 
 
-def replan(problem: PlanningProblem, draws: FloatArray) -> Replanned:
-    """Plan every optimal policy with each draw, shape (K, p, 6)."""
-    found = [best_of(with_parameters(problem, drawn)) for drawn in draws]
+def replan(problem: PlanningProblem, draws: FloatArray, *, chooses_start: bool = False) -> Replanned:
+    """Plan every optimal policy with each draw, shape (K, p, 6); those that choose their start only if wanted."""
+    posed = [with_parameters(problem, drawn) for drawn in draws]
+    found = [best_of(one) | (best_starts(one) if chooses_start else {}) for one in posed]
     cells = list(found[0]) if found else []
     return Replanned(
         {cell: np.array([one[cell][0][0] for one in found]) for cell in cells},
@@ -58,7 +59,7 @@ def rescore(problem: PlanningProblem, plan: Plan, draws: FloatArray) -> Charged:
     if plan.replay is None:
         nothing = np.full(len(draws), np.nan)
         return Charged(nothing, nothing)
-    return rescoring.lcm_followers(plan.replay.av, problem.packed, problem.terms, draws)
+    return rescoring.lcm_followers(plan.replay.av, problem.packed, problem.terms, draws, plan.replay.entry)
 
 
 def av_loss(problem: PlanningProblem, plan: Plan) -> tuple[float, float]:

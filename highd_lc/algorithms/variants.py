@@ -1,18 +1,22 @@
 """The same event posed with one thing changed, and what the planner finds then."""
 
 from dataclasses import replace
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from highd_lc.algorithms.planner import PlanningProblem, search_pools
+from highd_lc.algorithms import starts
+from highd_lc.algorithms.planner import PlanningProblem, goals
 from highd_lc.algorithms.pool import Goal, Pool
+from highd_lc.algorithms.start_planner import FORM_OF_START, start_pools
 from highd_lc.vocab import names
 
 FloatArray = NDArray[np.float64]
 
 Losses = tuple[float, float]
 """Loss of the AV and of the followers; NaN if no plan is feasible."""
+_NOTHING: Final = ((np.nan, np.nan), np.nan)
 
 
 def with_horizon(problem: PlanningProblem, horizon_s: float) -> PlanningProblem:
@@ -39,19 +43,32 @@ def with_parameters(problem: PlanningProblem, parameters: FloatArray) -> Plannin
 
 def weight_of(problem: PlanningProblem, policy: str) -> float:
     """omega_AV of an optimal policy."""
-    benchmark = policy in (names.BENCHMARK, names.BENCHMARK_FREE)
-    return 1.0 if benchmark else problem.settings.loss.omega_av
+    return 1.0 if policy.startswith(names.BENCHMARK) else problem.settings.loss.omega_av
 
 
 def best_of(problem: PlanningProblem) -> dict[tuple[str, str], tuple[Losses, float]]:
     """Losses and T [s] of every optimal policy under every accounting, searched anew; NaN where infeasible."""
     found = {}
-    pools = search_pools(problem)
+    pools = problem.pools
     for form, policies in ((names.FIXED, names.FIXED_POLICIES), (names.FREE, names.FREE_POLICIES)):
         for policy in policies if form in pools else ():
             for accounting in names.ACCOUNTINGS:
                 losses, n = _optimum(pools[form], Goal(accounting, weight_of(problem, policy)))
                 found[policy, accounting] = losses, n * problem.packed.dt
+    return found
+
+
+def best_starts(problem: PlanningProblem) -> dict[tuple[str, str], tuple[Losses, float]]:
+    """The same of every policy that chooses its start."""
+    found = {}
+    pools = start_pools(starts.pose_starts(problem), goals(problem))
+    for policy, form in FORM_OF_START.items():
+        for accounting in names.ACCOUNTINGS if form in pools else ():
+            goal = Goal(accounting, weight_of(problem, policy))
+            best = starts.best_of(pools[form], goal)
+            one = pools[form][best.key].chosen(np.array([best.index])) if best else None
+            losses, n = _optimum(one, goal) if one else _NOTHING
+            found[policy, accounting] = losses, n * problem.packed.dt
     return found
 
 
@@ -63,6 +80,6 @@ def optima(problem: PlanningProblem) -> dict[tuple[str, str], Losses]:
 def _optimum(pool: Pool, goal: Goal) -> tuple[Losses, float]:
     best = pool.best(goal) if len(pool) else None
     if best is None:
-        return (np.nan, np.nan), np.nan
+        return _NOTHING
     av, hv = pool.losses(goal.accounting)
     return (float(av[best]), float(hv[best])), float(pool.n[best])

@@ -74,7 +74,7 @@ def cross_scores(cross: pd.DataFrame, statistics: StatisticsSettings, *, seed: i
     cross: ``cross_losses``.
     """
     rows = []
-    for form, (benchmark, local) in PAIR_OF_FORM.items():
+    for form, (benchmark, local) in (PAIR_OF_FORM | PAIR_OF_START_FORM).items():
         for optimised in names.ACCOUNTINGS:
             chosen = cross[cross["accounting"] == optimised].set_index("event_id")
             one, other = (chosen[chosen["policy"] == policy] for policy in (local, benchmark))

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -80,10 +81,10 @@ def _grouped(
     frame = frame.sort_values([*by, order], kind="stable")
     arrays = {name: frame[name].to_numpy() for name in columns}
     keys = list(zip(*(frame[name].tolist() for name in by), strict=True))
-    starts = [k for k in range(len(keys)) if k == 0 or keys[k] != keys[k - 1]]
+    starts = [k for k in range(len(keys)) if k == 0 or keys[k] != keys[k - 1]]  # none if there are no rows
     return {
         keys[first]: {name: values[first:stop] for name, values in arrays.items()}
-        for first, stop in zip(starts, [*starts[1:], len(keys)], strict=True)
+        for first, stop in pairwise([*starts, len(keys)])
     }
 
 

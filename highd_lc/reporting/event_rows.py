@@ -164,7 +164,13 @@ def margins(report: EventReport, accounting: str) -> dict[str, Any]:
     }
 
 
-_CONSTRAINT_UNITS: Final = {"speed": "m/s", "acceleration": "m/s²", "jerk": "m/s³", "clearance": "m"}
+_CONSTRAINT_UNITS: Final = {
+    "speed": "m/s",
+    "acceleration": "m/s²",
+    "jerk": "m/s³",
+    "clearance": "m",
+    "overtakes": "m",
+}
 
 
 def _unit(name: str) -> str:

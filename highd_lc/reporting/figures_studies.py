@@ -107,6 +107,13 @@ def uncertainty_figure(uncertainty: pd.DataFrame) -> Figure:
     return figure
 
 
+_FORM_LOOKS: Final = {
+    names.FREE: ("#0072B2", ".", ""),
+    names.FREE_START: ("#D55E00", "+", ", chosen start"),
+}
+"""Forms of the Pareto study: colour of the sweep, marker of the front, words in the legend."""
+
+
 def pareto_figure(pareto: pd.DataFrame) -> Figure:
     """Fronts of (loss of the AV, loss of the followers) of some sampled events, with the sweep over omega_AV.
 
@@ -127,13 +134,23 @@ def pareto_figure(pareto: pd.DataFrame) -> Figure:
 
 
 def _front(axes: Axes, rows: pd.DataFrame) -> None:
-    front, sweep = (rows[rows["kind"] == kind].sort_values("loss_av") for kind in (FRONT, SWEEP))
-    axes.plot(front["loss_av"], front["loss_hv"], ".", color=QUIET, ms=4, label="front found by NSGA-II")
-    axes.plot(
-        sweep["loss_av"], sweep["loss_hv"], "o-", color="#0072B2", ms=4, lw=1, label="sweep over the AV's weight"
-    )
-    knee = front[front["knee"]]
-    axes.plot(knee["loss_av"], knee["loss_hv"], "D", color="#D55E00", ms=6, label="knee")
+    for form, (colour, marker, words) in _FORM_LOOKS.items():
+        of_form = rows[rows["form"] == form]
+        if of_form.empty:
+            continue
+        front, sweep = (of_form[of_form["kind"] == kind].sort_values("loss_av") for kind in (FRONT, SWEEP))
+        axes.plot(front["loss_av"], front["loss_hv"], marker, color=QUIET, ms=4, label=f"NSGA-II{words}")
+        axes.plot(
+            sweep["loss_av"],
+            sweep["loss_hv"],
+            "o-",
+            color=colour,
+            ms=4,
+            lw=1,
+            label=f"sweep over the weight{words}",
+        )
+        knee = front[front["knee"]]
+        axes.plot(knee["loss_av"], knee["loss_hv"], "D", color=colour, mec=INK, ms=6, label=f"knee{words}")
     axes.set_xlabel("loss of the AV", fontsize=SIZE, color=QUIET)
     axes.set_ylabel("loss of the followers", fontsize=SIZE, color=QUIET)
     axes.grid(color=LINE, lw=0.5)

@@ -6,6 +6,7 @@ from typing import Any
 from highd_lc.reporting import event_rows, html, labels
 from highd_lc.reporting.event import PAIRS, EventReport, Row
 from highd_lc.reporting.payload import event_payload
+from highd_lc.reporting.start_words import start_sentences
 from highd_lc.vocab import names
 from highd_lc.vocab.lcm_parameters import PARAMETERS, UNITS
 
@@ -34,6 +35,7 @@ def _context(report: EventReport, *, raw: bool) -> dict[str, Any]:
         "lead": _lead(report),
         "notices": _notices(report),
         "facts": _facts(report),
+        "starts": start_sentences(report),
         "losses": event_rows.per_accounting(report.losses, lambda a: event_rows.loss_rows(report, a)),
         "weights": event_rows.weights(report),
         "recorded": event_rows.model_error(report),
@@ -87,15 +89,4 @@ def _facts(report: EventReport) -> list[tuple[str, str]]:
         ("Followers on target lane", str(report.n_followers)),
     ]
     gains = [(form, report.gain(form)) for form, (local, _) in PAIRS.items() if report.plan(local) is not None]
-    facts += [(f"Gain, {labels.FORMS[form].lower()}", html.percent(value)) for form, value in gains]
-    return facts + [(labels.POLICIES[q].label, text) for q in names.START_POLICIES if (text := _start(report, q))]
-
-
-def _start(report: EventReport, policy: str) -> str:
-    """When a policy starts, where it goes and what that changes; empty without a plan."""
-    plan, loss = report.plan(policy), report.loss(policy)
-    contained = report.loss(policy.removesuffix("_start"))
-    if plan is None or loss is None or contained is None or html.is_missing(loss["loss_total"]):
-        return ""
-    totals = " instead of ".join(html.number(row["loss_total"], 2) for row in (loss, contained))
-    return f"waits {html.number(plan['delay_s'], 1)} s, {labels.gap(plan['gap'])}; total loss {totals}"
+    return facts + [(f"Gain, {labels.FORMS[form].lower()}", html.percent(value)) for form, value in gains]

@@ -80,7 +80,7 @@ def _cross_sections(scores: pd.DataFrame) -> Iterator[Section]:
         "Plans made under one accounting (rows) scored under each (columns), with the followers as planned, "
         "driven by another model (IDM), or with parameters drawn within the fits' spread.",
     )
-    for form in names.FORMS:
+    for form in (*names.FORMS, *names.START_FORMS):
         rows = scores[scores["form"] == form]
         if rows.empty:
             continue
@@ -164,7 +164,7 @@ def _uncertainty_section(uncertainty: pd.DataFrame) -> Section:
     )
     tables = tuple(
         table_view(rows[rows["form"] == form], _UNCERTAINTY, f"{labels.FORMS[form]}, accounting “equal”")
-        for form in names.FORMS
+        for form in (*names.FORMS, *names.START_FORMS)
         if (rows["form"] == form).any()
     )
     return Section("Uncertain followers", text, figure, folded=tables, anchor="uncertainty")
@@ -172,6 +172,7 @@ def _uncertainty_section(uncertainty: pd.DataFrame) -> Section:
 
 _PARETO: Final = (
     Column("event_id", "Event", link="events/{}.html"),
+    _FORM,
     Column("n_front", "Plans on the front", digits=0),
     Column("hypervolume", "Hypervolume, NSGA-II", digits=4),
     Column("hypervolume_sweep", "Hypervolume, sweep", digits=4),
@@ -188,13 +189,15 @@ def pareto_section(pareto: pd.DataFrame, summary: pd.DataFrame) -> Section:
     """Fronts of AV against followers for some sampled events, and the summary of all of them."""
     figure = html.inline_svg(
         figures.pareto_figure(pareto),
-        "Pareto fronts of the loss of the AV and that of the followers, with the sweep.",
+        "Pareto fronts of the loss of the AV and that of the followers, with the sweeps.",
     )
     text = (
         "What the AV would have to give for what the followers gain: non-dominated plans over (T, x_final, v_end) "
-        "found by NSGA-II, and the global optima as the AV's weight goes from 0.1 to 1. Accounting “equal”.",
+        "found by NSGA-II, and the global optima as the AV's weight goes from 0.1 to 1. Accounting “equal”. With "
+        "a chosen start the delay and the gap are unknowns as well: the lower of the two fronts of an event.",
     )
-    folded = (table_view(summary, _PARETO, f"All {len(summary)} sampled events"),)
+    count = summary["event_id"].nunique()
+    folded = (table_view(_labelled(summary), _PARETO, f"All {count} sampled events"),)
     return Section("Pareto front", text, figure, folded=folded, anchor="pareto")
 
 

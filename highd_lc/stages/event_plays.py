@@ -12,7 +12,7 @@ from highd_lc.algorithms.packing import PackedScene
 from highd_lc.algorithms.planner import PlanningProblem
 from highd_lc.algorithms.replay import AvMotion, drive_on, follow, human_motion, plan_motion
 from highd_lc.algorithms.start_planner import FORM_OF_START, key_of, replay_start
-from highd_lc.algorithms.start_search import Key, StartProblem, pose_starts
+from highd_lc.algorithms.starts import Key, StartProblem, pose_starts
 from highd_lc.core.quintic import Quintic
 from highd_lc.reporting.event import Path, Play, Row
 from highd_lc.vocab import names

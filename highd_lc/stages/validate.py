@@ -27,15 +27,17 @@ from highd_lc.io.scenes import load_scenes
 from highd_lc.io.start_map import start_map
 from highd_lc.io.statistics import situations, summarise_losses, validation_matrix
 from highd_lc.io.tracking_table import tracking_summary
+from highd_lc.stages.validate_pareto import pareto_rows
 from highd_lc.stages.validate_studies import (
     STUDY_TABLES,
     Samples,
     Study,
     cross_rows,
     foresight_rows,
+    horizon_rows,
     samples,
     solver_rows,
-    study_rows,
+    uncertainty_rows,
 )
 from highd_lc.stages.validate_tracking import tracking_rows
 from highd_lc.vocab import names
@@ -85,13 +87,22 @@ def _event_rows(scene: Scene, job: Job, chosen: Samples) -> Iterator[tuple[str, 
     for row in cross_rows(study):
         yield "cross_losses", row
     if scene.event_id in chosen.studied:
-        yield from study_rows(study)
+        yield from _study_rows(study)
     if scene.event_id in chosen.foreseen:
         for row in foresight_rows(study):
             yield "foresight", row
     if scene.event_id in chosen.compared:
         for row in solver_rows(study):
             yield "solver_comparison", row
+
+
+def _study_rows(study: Study) -> Iterator[tuple[str, Row]]:
+    """All studies of a sampled event, each row with its table."""
+    for row in horizon_rows(study):
+        yield "horizon_losses", row
+    for row in uncertainty_rows(study):
+        yield "uncertainty", row
+    yield from pareto_rows(study)
 
 
 def _plan_row(problem: PlanningProblem, plan: Plan) -> Row:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from highd_lc.algorithms import pareto, rescoring, sqp, uncertainty
+from highd_lc.algorithms import rescoring, sqp, uncertainty
 from highd_lc.algorithms.foresight import Driven, with_predicted, with_recorded, with_replanning
 from highd_lc.algorithms.planner import Plan, PlanningProblem
 from highd_lc.algorithms.pool import Goal, Pool
@@ -17,11 +17,11 @@ from highd_lc.algorithms.sampling import event_generator, stratified_sample
 from highd_lc.algorithms.search import search
 from highd_lc.algorithms.variants import Losses, optima, with_horizon
 from highd_lc.io import artefacts
-from highd_lc.io.statistics import PAIR_OF_FORM
+from highd_lc.io.statistics import PAIR_OF_FORM, PAIR_OF_START_FORM
 from highd_lc.vocab import names
 from highd_lc.vocab.job import Job
 from highd_lc.vocab.settings import StudySettings
-from highd_lc.vocab.study_tables import FRONT, IDM, KNOWLEDGE, LCM, LCM_DRAWN, SWEEP
+from highd_lc.vocab.study_tables import IDM, KNOWLEDGE, LCM, LCM_DRAWN, OPTIMAL_POLICIES
 
 FloatArray = NDArray[np.float64]
 Row = dict[str, Any]
@@ -36,8 +36,7 @@ STUDY_TABLES = (
     "foresight",
 )
 """The parts that are written for each recording."""
-OPTIMAL = (*names.FIXED_POLICIES, *names.FREE_POLICIES)
-"""The policies whose plans are scored and studied."""
+PAIRS = PAIR_OF_FORM | PAIR_OF_START_FORM
 _MOST_FOLLOWERS = 3
 """Strata of the sample tell this many followers from fewer, and more no further."""
 
@@ -98,7 +97,7 @@ class Study:
     @cached_property
     def optimal(self) -> dict[tuple[str, str], Plan]:
         """The plans of the optimal policies by policy and accounting."""
-        return {(plan.policy, plan.accounting): plan for plan in self.plans if plan.policy in OPTIMAL}
+        return {(plan.policy, plan.accounting): plan for plan in self.plans if plan.policy in OPTIMAL_POLICIES}
 
     @cached_property
     def rescored(self) -> dict[int, Charged]:
@@ -117,8 +116,16 @@ class Study:
 
     @property
     def forms(self) -> list[str]:
-        """The forms that were planned."""
-        return [form for form, (benchmark, _) in PAIR_OF_FORM.items() if (benchmark, names.EQUAL) in self.optimal]
+        """The forms that were planned, without those whose start is chosen."""
+        return self._planned(PAIR_OF_FORM)
+
+    @property
+    def start_forms(self) -> list[str]:
+        """The forms that were planned whose start is chosen: none if it is not chosen in this event."""
+        return self._planned(PAIR_OF_START_FORM)
+
+    def _planned(self, pairs: dict[str, tuple[str, str]]) -> list[str]:
+        return [form for form, (benchmark, _) in pairs.items() if (benchmark, names.EQUAL) in self.optimal]
 
     @property
     def solvable(self) -> bool:
@@ -162,7 +169,8 @@ def cross_rows(study: Study) -> Iterator[Row]:
         if plan.replay is not None:
             key = id(plan.replay)
             if key not in idm:
-                charged = rescoring.idm_followers(plan.replay.av, study.problem.packed, study.problem.terms)
+                played, problem = plan.replay, study.problem
+                charged = rescoring.idm_followers(played.av, problem.packed, problem.terms, played.entry)
                 idm[key] = float(charged.to_T[0]), float(charged.to_H[0])
             row |= _cross_columns(study.rescored[key], idm[key], study.av_losses[key])
             row["contact_after_T"] = bool((plan.replay.clearance_after_T < 0.0).any())
@@ -174,15 +182,6 @@ def _cross_columns(lcm: Charged, idm: tuple[float, float], av: tuple[float, floa
     for end, values in (("T", lcm.to_T), ("H", lcm.to_H)):
         row |= {f"hv_to_{end}_{LCM}": float(values[0]), f"hv_to_{end}_{LCM_DRAWN}": float(values[1:].mean())}
     return row
-
-
-def study_rows(study: Study) -> Iterator[tuple[str, Row]]:
-    """All studies of a sampled event, each row with its table."""
-    for row in horizon_rows(study):
-        yield "horizon_losses", row
-    for row in uncertainty_rows(study):
-        yield "uncertainty", row
-    yield from pareto_rows(study)
 
 
 def horizon_rows(study: Study) -> Iterator[Row]:
@@ -215,11 +214,12 @@ def uncertainty_rows(study: Study) -> Iterator[Row]:
     """Rows of ``uncertainty``: the draws planned with, and the plans as they are under the draws."""
     if not study.solvable:
         return
-    replanned = uncertainty.replan(study.problem, study.draws[: study.settings.replans])
+    draws = study.draws[: study.settings.replans]
+    replanned = uncertainty.replan(study.problem, draws, chooses_start=bool(study.start_forms))
     spread = study.problem.scene.followers.spread
     known = float(np.mean(np.any(spread > 0.0, axis=1))) if spread is not None else 0.0
-    for form in study.forms:
-        benchmark, local = PAIR_OF_FORM[form]
+    for form in (*study.forms, *study.start_forms):
+        benchmark, local = PAIRS[form]
         for accounting in names.ACCOUNTINGS:
             totals = (replanned.total((policy, accounting)) for policy in (local, benchmark))
             row = {"form": form, "accounting": accounting, "spread_known": known}
@@ -246,7 +246,7 @@ def _shares(gain: FloatArray, band: float) -> tuple[float, float]:
 def _kept_columns(study: Study, form: str, accounting: str) -> Row:
     """Gain of the plans made with the fitted parameters: under these, and under every draw."""
     totals = []
-    for policy in reversed(PAIR_OF_FORM[form]):
+    for policy in reversed(PAIRS[form]):
         key = id(study.optimal[policy, accounting].replay)
         av, hv = uncertainty.charged_by(accounting, study.av_losses[key], study.rescored[key])
         totals.append(av + hv)
@@ -261,56 +261,6 @@ def _kept_columns(study: Study, form: str, accounting: str) -> Row:
         "share_kept_better": better,
         "share_kept_worse": worse,
     }
-
-
-def pareto_rows(study: Study) -> Iterator[tuple[str, Row]]:
-    """Rows of ``pareto`` and ``pareto_summary`` under the primary accounting, free end speed."""
-    settings, task, accounting = study.settings, study.problem.task, names.PRIMARY_ACCOUNTING
-    if not study.solvable:
-        yield "pareto_summary", {"n_front": 0, "evaluations": 0}
-        return
-    front = pareto.nsga2_front(
-        task,
-        accounting,
-        population=settings.population,
-        generations=settings.generations,
-        rng=study.rng("nsga2"),
-    )
-    swept = pareto.sweep(task, accounting, settings.omegas)
-    best = pareto.knee(front)
-    for kind, points in ((FRONT, front), (SWEEP, swept)):
-        omegas = settings.omegas if kind == SWEEP else (np.nan,) * len(points)
-        for k, omega in enumerate(omegas[: len(points)]):
-            yield (
-                "pareto",
-                {"kind": kind, "omega_av": omega, "knee": kind == FRONT and k == best} | _point(study, points, k),
-            )
-    yield "pareto_summary", _pareto_summary(front, swept, best, settings)
-
-
-def _point(study: Study, points: pareto.Points, k: int) -> Row:
-    plan = study.problem.task.quintic(int(points.n[k]), float(points.delta[k]), float(points.change[k]))
-    losses = {"loss_av": float(points.loss_av[k]), "loss_hv": float(points.loss_hv[k])}
-    return {"point": k, "T": plan.T, "x_final": plan.x_final, "v_end": plan.v_end} | losses
-
-
-def _pareto_summary(front: pareto.Points, swept: pareto.Points, best: int | None, settings: StudySettings) -> Row:
-    compared = pareto.compare(front, swept, settings.omegas)
-    row: Row = {
-        "n_front": len(front),
-        "evaluations": settings.population * settings.generations,
-        "hypervolume": compared.hypervolume,
-        "hypervolume_sweep": compared.hypervolume_sweep,
-        "reference_av": compared.reference[0],
-        "reference_hv": compared.reference[1],
-        "front_behind": compared.behind,
-        "front_ahead": compared.ahead,
-    }
-    if best is not None:
-        low, high = pareto.knee_weights(front, best)
-        row |= {"knee_loss_av": float(front.loss_av[best]), "knee_loss_hv": float(front.loss_hv[best])}
-        row |= {"knee_omega_low": low, "knee_omega_high": high}
-    return row
 
 
 def solver_rows(study: Study) -> Iterator[Row]:

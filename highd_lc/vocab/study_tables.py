@@ -18,6 +18,13 @@ SWEEP: Final = "sweep"
 TOGETHER: Final = "together"
 """In ``worse_for_somebody``: AV and followers together, not one follower."""
 
+OPTIMAL_POLICIES: Final = (
+    *names.FIXED_POLICIES,
+    *names.FREE_POLICIES,
+    *names.START_POLICIES,
+    *names.FREE_START_POLICIES,
+)
+
 _RECORDING = Column("recording_id", "int64", "number in the recording's file name", minimum=0)
 _EVENT = word("event_id", "RR-VVVV-FFFFF: recording, ego, crossing frame")
 _FORM = word("form", "fixed or free end speed", (*names.FORMS, *names.START_FORMS))
@@ -53,7 +60,7 @@ CROSS_LOSSES = Table(
     (
         _EVENT,
         _RECORDING,
-        word("policy", "whose plan is scored", (*names.FIXED_POLICIES, *names.FREE_POLICIES)),
+        word("policy", "whose plan is scored", OPTIMAL_POLICIES),
         word("accounting", "accounting under which the plan was optimised", names.ACCOUNTINGS),
         *(number(f"av_to_{end}", f"AV's loss charged to {end}", minimum=0) for end in ("T", "H")),
         *(
@@ -150,19 +157,24 @@ HORIZON_SENSITIVITY = Table(
     (number("horizon_s", "H", "s", nullable=False, minimum=0), _FORM, _ACCOUNTING, *_GAIN),
 )
 
+_FREE_FORM = word("form", "free end speed, at t_start or with a chosen start", (names.FREE, names.FREE_START))
+
 PARETO = Table(
     "pareto",
-    "event of the sample and plan on its front, or optimum of a weight of the AV",
-    ("recording_id", "event_id", "kind", "point"),
+    "event of the sample, form, and plan on its front or optimum of a weight of the AV",
+    ("recording_id", "event_id", "form", "kind", "point"),
     (
         _EVENT,
         _RECORDING,
+        _FREE_FORM,
         word("kind", "front: NSGA-II's non-dominated plans; sweep: global optima over omega_AV", (FRONT, SWEEP)),
         count("point", "number of the point: by rising loss of the AV on the front, by omega_AV in the sweep"),
         _OMEGA,
         number("T", "duration of the manoeuvre", "s"),
         number("x_final", "forward distance at T", "m"),
         number("v_end", "speed at T", "m/s"),
+        number("delay_s", "wait before the manoeuvre", "s", minimum=0),
+        word("gap", "where the AV goes"),
         number("loss_av", "AV's loss, accounting equal", minimum=0),
         number("loss_hv", "followers' loss, accounting equal", minimum=0),
         Column("knee", "bool", "whether it is the knee of the front"),
@@ -171,11 +183,12 @@ PARETO = Table(
 
 PARETO_SUMMARY = Table(
     "pareto_summary",
-    "event of the sample",
-    ("recording_id", "event_id"),
+    "event of the sample and form",
+    ("recording_id", "event_id", "form"),
     (
         _EVENT,
         _RECORDING,
+        _FREE_FORM,
         count("n_front", "plans on NSGA-II's front; 0 = no feasible plan"),
         count("evaluations", "plans simulated by NSGA-II"),
         number("hypervolume", "of NSGA-II's front, as a share of the box from the ideal to the reference point"),

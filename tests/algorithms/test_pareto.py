@@ -4,20 +4,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pymoo.indicators.hv import HV
 from pymoo.util.nds.non_dominated_sorting import NonDominatedSorting
-from random_scenes import random_scene, task_of
 
-from highd_lc.algorithms import pareto
-from highd_lc.algorithms.dynamics import violations
-from highd_lc.algorithms.pareto import Points, compare, decode, hypervolume, knee, knee_weights, non_dominated
-from highd_lc.algorithms.refinement import possible_durations
-from highd_lc.vocab import names
-
-OMEGAS = (0.1, 0.3, 0.5, 0.7, 0.9, 1.0)
+from highd_lc.algorithms.pareto import Points, compare, hypervolume, knee, knee_weights, non_dominated
 
 
 def points(av: list[float], hv: list[float]) -> Points:
     nothing = np.zeros(len(av))
-    return Points(np.zeros(len(av), np.int64), nothing, nothing, np.array(av, float), np.array(hv, float))
+    number = np.zeros(len(av), np.int64)
+    return Points(number, number, number, nothing, nothing, np.array(av, float), np.array(hv, float))
 
 
 losses = st.lists(st.tuples(st.integers(0, 20), st.integers(0, 20)), min_size=1, max_size=25)
@@ -63,49 +57,3 @@ def test_comparison_of_a_front_with_itself_finds_no_difference():
     worse = compare(points([1.1, 2.2, 6.6], [11.0, 4.4, 3.3]), front, (0.2, 0.5, 1.0))
     assert worse.behind == pytest.approx(0.1)
     assert compare(points([], []), front, (0.5,)).reference == pytest.approx((np.nan, np.nan), nan_ok=True)
-
-
-def test_unit_cube_decodes_to_plans_whose_ends_keep_the_limits():
-    task = task_of(random_scene(np.random.default_rng(4)))
-    x = np.random.default_rng(0).random((4000, 3))
-    n, delta, change = decode(task, possible_durations(task), x)
-    codes = violations(n * task.scene.dt, delta[:, None], change[:, None], task.scene.v0, task.scene.D, task.limit)
-    assert (codes == 0).mean() > 0.4
-    assert set(n) <= set(possible_durations(task))
-
-
-@pytest.fixture(scope="module", params=[1, 4, 6])
-def both(request) -> tuple[Points, Points]:
-    task = task_of(random_scene(np.random.default_rng(request.param)))
-    front = pareto.nsga2_front(task, names.EQUAL, population=80, generations=50, rng=np.random.default_rng(1))
-    return front, pareto.sweep(task, names.EQUAL, OMEGAS)
-
-
-def test_front_rises_in_one_loss_and_falls_in_the_other(both):
-    front, _ = both
-    assert len(front) > 1
-    assert (np.diff(front.loss_av) > 0).all()
-    assert (np.diff(front.loss_hv) < 0).all()
-
-
-def test_sweep_trades_one_loss_for_the_other(both):
-    _, swept = both
-    assert len(swept) == len(OMEGAS)
-    assert (np.diff(swept.loss_av) <= 1e-9).all()
-    assert (np.diff(swept.loss_hv) >= -1e-9).all()
-
-
-def test_sweep_lies_on_the_front(both):
-    compared = compare(*both, OMEGAS)
-    assert compared.behind < 0.02
-    assert compared.ahead < 0.005
-
-
-def test_front_is_the_same_for_the_same_generator_seed():
-    task = task_of(random_scene(np.random.default_rng(1)))
-    one, two = (
-        pareto.nsga2_front(task, names.PAPER, population=16, generations=5, rng=np.random.default_rng(7))
-        for _ in range(2)
-    )
-    assert np.array_equal(one.loss_av, two.loss_av)
-    assert np.array_equal(one.loss_hv, two.loss_hv)

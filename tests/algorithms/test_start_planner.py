@@ -9,8 +9,8 @@ from random_scenes import random_scene
 from highd_lc.algorithms import scoring
 from highd_lc.algorithms.planner import Plan, goals, plan_all, pose
 from highd_lc.algorithms.search import search
-from highd_lc.algorithms.start_planner import plan_starts, start_pools
-from highd_lc.algorithms.start_search import CONTAINED, best_of, pose_starts
+from highd_lc.algorithms.start_planner import plan_starts, replay_start, start_pools
+from highd_lc.algorithms.starts import CONTAINED, best_of, pose_starts
 from highd_lc.core.quintic import sample
 from highd_lc.vocab import names
 from highd_lc.vocab.lcm_parameters import REPLAY_L_BOUNDS, TABLE3_MEANS
@@ -234,3 +234,56 @@ def test_nobody_starts_after_a_contact_while_waiting():
     assert posed.waiting.contact < 51
     for gap in range(len(posed.gaps)):
         assert all(d < posed.waiting.contact for d in posed.delays(gap))
+
+
+@pytest.mark.parametrize("seed", [20, 23])
+def test_rejected_and_feasible_candidates_add_up_and_limits_count_as_without_the_choice(seed):
+    problem = pose(random_scene(np.random.default_rng(seed)), with_planner())
+    pools = start_pools(pose_starts(problem), goals(problem))
+    known = {(p.policy, p.accounting): p for p in plan_all(problem)}
+    for plan in plan_starts(problem):
+        form = names.FREE_START if "free" in plan.policy else names.START
+        feasible = sum(int(pool.feasible(plan.accounting).sum()) for pool in pools[form].values())
+        assert plan.candidates == sum(plan.rejected_by.values()) + feasible
+        for name, count in known[CONTAINS[plan.policy], plan.accounting].rejected_by.items():
+            if not name.startswith("clearance_"):
+                assert plan.rejected_by[name] == count
+
+
+@pytest.mark.parametrize(("seed", "T_max"), [(53, 10.0), (20, 2.6)])
+def test_without_a_plan_the_closest_margins_of_all_starts_are_told(seed, T_max):
+    # Seed 53: every plan touches somebody; 2.6 s: the lateral motion breaks its limits at every start.
+    problem = pose(
+        random_scene(np.random.default_rng(seed)), with_planner(T_max=T_max, free_form=False, max_delay_s=0.3)
+    )
+    infeasible = [plan for plan in plan_starts(problem) if plan.status == names.INFEASIBLE]
+    assert infeasible
+    for plan in infeasible:
+        assert plan.candidates == sum(plan.rejected_by.values())
+        assert not np.isnan(list(plan.margins.values())).any()
+        rejecting = {name for name, count in plan.rejected_by.items() if count}
+        assert rejecting & plan.margins.keys()
+
+
+def test_overlap_at_the_start_tells_the_clearances_there():
+    scene = random_scene(np.random.default_rng(20))
+    leader = replace(scene.target_leader, x=scene.target_leader.x * 0.0, y=scene.target_leader.y * 0.0)
+    problem = pose(replace(scene, target_leader=leader), with_planner())
+    plans = plan_starts(problem)
+    assert {p.status for p in plans} == {names.INFEASIBLE_AT_START}
+    expected = next(p for p in plan_all(problem) if p.policy == names.BENCHMARK)
+    assert all(p.margins == expected.margins and np.isnan(p.objective) for p in plans)
+
+
+def test_on_a_free_road_a_sample_of_waiting_costs_the_av_its_speed_difference_less_the_last_charge():
+    # The closed form of docs/start.md: the same shape, d samples later, loses the last d samples of its drive.
+    scene = replace(random_scene(np.random.default_rng(2), p=1), target_leader=None)
+    problem = pose(scene, with_planner(waiting="constant"))
+    posed = pose_starts(problem)
+    terms, (n, delta, change) = problem.terms, (np.array([50]), np.array([[4.0]]), np.array([[1.5]]))
+    losses = [float(posed.task((0, d)).simulate(n, delta, change).av_H[0]) for d in (0, 1, 20)]
+    av = replay_start(posed, (0, 0), posed.task((0, 0)).quintic(50, 4.0, 1.5)).av
+    charge = terms.efficiency * np.abs(np.hypot(av.vx, av.vy) - terms.av_ref) + terms.comfort * av.jerk
+    waiting = terms.efficiency * abs(terms.av_ref - scene.v0)
+    for d, loss in zip((1, 20), losses[1:], strict=True):
+        assert loss - losses[0] == pytest.approx(d * waiting - charge[-d:].sum(), rel=1e-9)

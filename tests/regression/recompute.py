@@ -285,12 +285,13 @@ def smallest_clearance(event: Event, plan: pd.Series) -> float:
         found.append((car, behind, np.full(LAST + 1, car.y[0]), n // 2))
     axes = event.ego.length / 2**0.5, event.ego.width / 2**0.5
     return min(
-        _nearest(np.column_stack([other_x - x, other_y - y])[: last + 1], axes, heading[: last + 1], car)
+        nearest(np.column_stack([other_x - x, other_y - y])[: last + 1], axes, heading[: last + 1], car)
         for car, other_x, other_y, last in found
     )
 
 
-def _nearest(centres: np.ndarray, axes: tuple[float, float], heading: np.ndarray, car: Vehicle) -> float:
+def nearest(centres: np.ndarray, axes: tuple[float, float], heading: np.ndarray, car: Vehicle) -> float:
+    """Smallest distance over all samples: roughly first, then well where it is close."""
     other = car.length / 2**0.5, car.width / 2**0.5
     roughly = separation(centres, axes, heading, other, n=120)
     # What 120 directions may miss of the distance, rounded up: |c| (1 - cos of half their step).

@@ -4,6 +4,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from recompute import plan_losses, read_event, smallest_clearance
+from recompute_start import start_clearance, start_losses
 
 TABLES = ("events", "event_tracks", "vehicles", "followers", "plans", "losses")
 KEYS = ["event_id", "policy", "accounting"]
@@ -17,9 +18,17 @@ def tables(pipeline_run):
 
 @pytest.fixture(scope="module")
 def plans(tables):
-    # Plans that choose their start are recomputed by the tests of the start's planner.
-    merged = tables["plans"].merge(tables["losses"], on=KEYS, suffixes=("", "_loss"))
-    return merged[merged["T"].notna() & ~merged["policy"].str.endswith("_start")]
+    return merged(tables, chooses_start=False)
+
+
+@pytest.fixture(scope="module")
+def starts(tables):
+    return merged(tables, chooses_start=True)
+
+
+def merged(tables, *, chooses_start):
+    both = tables["plans"].merge(tables["losses"], on=KEYS, suffixes=("", "_loss"))
+    return both[both["T"].notna() & (both["policy"].str.endswith("_start") == chooses_start)]
 
 
 def test_losses_follow_from_the_artefacts(tables, plans):
@@ -39,3 +48,21 @@ def test_smallest_clearance_follows_from_the_artefacts(tables, plans):
         for _, plan in rows.iterrows():
             assert smallest_clearance(event, plan) == pytest.approx(plan["min_clearance_m"], abs=1e-3)
             assert np.isfinite(plan["min_clearance_m"])
+
+
+def test_losses_of_chosen_starts_follow_from_the_artefacts(tables, starts):
+    assert (starts["delay_s"] > 0).any()
+    for event_id, rows in starts.groupby("event_id"):
+        event = read_event(tables, event_id)
+        for _, plan in rows.iterrows():
+            for name, value in start_losses(event, plan).items():
+                assert value == pytest.approx(plan[name], rel=TOLERANCE), (event_id, plan["policy"], name)
+
+
+def test_smallest_clearance_of_chosen_starts_follows_from_the_artefacts(tables, starts):
+    solved = starts[(starts["status"] == "solved") & (starts["accounting"] == "equal")]
+    assert len(solved) > 0
+    for event_id, rows in solved.groupby("event_id"):
+        event = read_event(tables, event_id)
+        for _, plan in rows.iterrows():
+            assert start_clearance(event, plan) == pytest.approx(plan["min_clearance_m"], abs=1e-3)

@@ -85,9 +85,11 @@ def studies(**changes: object) -> StudyTables:
 def pareto() -> pd.DataFrame:
     """Fronts of two events."""
     rows = [
-        {"event_id": e, "recording_id": 1, "kind": kind, "point": k, "omega_av": w, "T": 5.0, "x_final": 140.0,
-         "v_end": 28.0, "loss_av": 20 + 0.5 * k, "loss_hv": 30 - 2 * np.sqrt(k), "knee": kind == FRONT and k == 3}
+        {"event_id": e, "recording_id": 1, "form": form, "kind": kind, "point": k, "omega_av": w, "T": 5.0,
+         "x_final": 140.0, "v_end": 28.0, "delay_s": 0.0, "gap": names.RECORDED_GAP,
+         "loss_av": 20 + 0.5 * k, "loss_hv": 30 - 2 * np.sqrt(k), "knee": kind == FRONT and k == 3}
         for e in ("01-0001-00107", "02-0002-00114")
+        for form in ((names.FREE, names.FREE_START) if e.startswith("01") else (names.FREE,))
         for kind, w in ((FRONT, np.nan), (SWEEP, 0.5))
         for k in range(8)
     ]  # fmt: skip
@@ -97,8 +99,9 @@ def pareto() -> pd.DataFrame:
 def pareto_summary() -> pd.DataFrame:
     """One row an event of ``pareto``, the second without a knee."""
     rows = [
-        {"event_id": e, "recording_id": 1, "n_front": 8, "evaluations": 4000, "hypervolume": 0.75,
-         "reference_av": 26.0, "reference_hv": 33.0, "hypervolume_sweep": 0.7625, "front_behind": 0.0005,
+        {"event_id": e, "recording_id": 1, "form": names.FREE, "n_front": 8, "evaluations": 4000,
+         "hypervolume": 0.75, "reference_av": 26.0, "reference_hv": 33.0,
+         "hypervolume_sweep": 0.7625, "front_behind": 0.0005,
          "front_ahead": 0.0, "knee_loss_av": knee, "knee_loss_hv": knee, "knee_omega_low": 0.25,
          "knee_omega_high": 0.5}
         for e, knee in (("01-0001-00107", 21.5), ("02-0002-00114", np.nan))

@@ -163,8 +163,8 @@ def test_tiles_of_the_gain_map_stand_in_a_table():
 
 def test_a_front_without_a_knee_shows_none():
     rows = rows_of(robustness(), after='id="pareto"')[1:3]
-    assert rows[0][6:8] == ["21.50", "21.50"]
-    assert rows[1][6:8] == ["–", "–"]
+    assert rows[0][7:9] == ["21.50", "21.50"]
+    assert rows[1][7:9] == ["–", "–"]
 
 
 def test_tracking_shows_planned_beside_tracked():

@@ -28,6 +28,12 @@ SETTINGS = Settings.model_validate(
 )  # fmt: skip
 JOINED = {ingest: ("vehicles", "recordings"), extract: ("crossings", "events", "event_tracks")}
 KEY = ["event_id", "policy", "accounting"]
+PAIRS = {
+    names.FIXED: names.FIXED_POLICIES,
+    names.FREE: names.FREE_POLICIES,
+    names.START: names.START_POLICIES,
+    names.FREE_START: names.FREE_START_POLICIES,
+}
 
 
 def validated(work: Path, recordings: tuple[int, ...]) -> Path:
@@ -140,11 +146,19 @@ def test_own_horizon_repeats_the_losses(work):
 def test_gain_with_the_fitted_parameters_is_that_of_the_losses(work):
     totals = artefacts.read(work, "losses").set_index(KEY)["loss_total"]
     for row in artefacts.read(work, "uncertainty").itertuples():
-        benchmark, local = names.FIXED_POLICIES if row.form == names.FIXED else names.FREE_POLICIES
+        benchmark, local = PAIRS[row.form]
         expected = (
             1 - totals[row.event_id, local, row.accounting] / totals[row.event_id, benchmark, row.accounting]
         )
         assert row.gain == pytest.approx(expected, abs=1e-9)
+
+
+def test_every_form_is_cross_scored_and_drawn_and_both_free_ones_have_a_front(work):
+    assert set(artefacts.read(work, "cross_scores")["form"]) == set(PAIRS)
+    assert set(artefacts.read(work, "uncertainty")["form"]) == set(PAIRS)
+    summary = artefacts.read(work, "pareto_summary")
+    assert set(summary["form"]) == {names.FREE, names.FREE_START}
+    assert set(artefacts.read(work, "gain_map")["form"]) == set(PAIRS)
 
 
 def test_share_observed_is_a_share_of_what_is_charged(work):

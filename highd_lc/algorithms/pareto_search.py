@@ -1,0 +1,195 @@
+"""NSGA-II and the sweep over omega_AV, of plans (T, x_final, v_end) and of plans with a chosen start and gap.
+
+NSGA-II (pymoo) knows nothing of the global search: it starts from random plans.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache, partial
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from highd_lc.algorithms.contacts import LANES
+from highd_lc.algorithms.dynamics import forward_interval
+from highd_lc.algorithms.pareto import Points, non_dominated
+from highd_lc.algorithms.pool import Goal, Pool, Task
+from highd_lc.algorithms.refinement import possible_durations
+from highd_lc.algorithms.search import search
+from highd_lc.algorithms.start_search import search_starts
+from highd_lc.algorithms.starts import CONTAINED, StartProblem, best_of
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+# A violated limit of motion weighs more than the earliest contact, which lies in (0, 1].
+_VIOLATED = 2.0
+
+Simulated = tuple[Pool, IntArray]
+"""Candidates and each one's start, shape (m, 2): number of the gap, delay in samples."""
+
+
+@dataclass(frozen=True)
+class Space:
+    """What NSGA-II searches: points of a unit cube of so many dimensions, shape (m, dimensions), as candidates.
+
+    samples: of the accounted time.
+    """
+
+    dimensions: int
+    samples: int
+    simulate: Callable[[FloatArray], Simulated]
+
+
+def plan_space(task: Task) -> Space | None:
+    """Plans (T, v_end, x_final) of one start; None if no duration keeps the limits."""
+    durations = possible_durations(task)
+    if not len(durations):
+        return None
+    return Space(3, len(task.scene.target_v), partial(_simulate_plans, task, durations))
+
+
+def _simulate_plans(task: Task, durations: IntArray, x: FloatArray) -> Simulated:
+    return simulate_single(task, *decode(task, durations, x)), np.zeros((len(x), 2), np.int64)
+
+
+def start_space(posed: StartProblem) -> Space | None:
+    """Plans (gap, delay, T, v_end, x_final); None if no start has a duration that keeps the limits."""
+
+    @cache
+    def at(gap: int, d: int) -> tuple[Task, IntArray]:
+        task = posed.task((gap, d))
+        return task, possible_durations(task)
+
+    delays = [
+        np.array([d for d in posed.delays(gap) if len(at(gap, int(d))[1])]) for gap in range(len(posed.gaps))
+    ]
+    gaps = np.array([gap for gap, of in enumerate(delays) if len(of)])
+    if not len(gaps):
+        return None
+
+    def simulate(x: FloatArray) -> Simulated:
+        gap = gaps[_nth(x[:, 0], len(gaps))]
+        d = np.array([delays[g][_nth(u, len(delays[g]))] for g, u in zip(gap, x[:, 1], strict=True)])
+        start = np.stack([gap, d], axis=1)
+        keys, of = np.unique(start, axis=0, return_inverse=True)
+        members = [np.flatnonzero(of == k) for k in range(len(keys))]
+        pools = []
+        for (g, delay), rows in zip(keys.tolist(), members, strict=True):
+            task, durations = at(g, delay)
+            pools.append(simulate_single(task, *decode(task, durations, x[rows, 2:])))
+        return pools[0].joined(*pools[1:]).chosen(np.argsort(np.concatenate(members))), start
+
+    return Space(5, len(posed.problem.packed.target_v), simulate)
+
+
+def _nth(u: Any, count: int) -> Any:
+    return np.minimum((u * count).astype(int), count - 1)
+
+
+def points_of(pool: Pool, index: IntArray, accounting: str, start: IntArray) -> Points:
+    """Candidates of a pool with their losses under an accounting. start: of these candidates, shape (m, 2)."""
+    av, hv = pool.losses(accounting)
+    shape = pool.n[index], pool.delta[index], pool.change[index]
+    return Points(start[:, 0], start[:, 1], *shape, av[index], hv[index])
+
+
+def sweep(task: Task, accounting: str, omegas: tuple[float, ...]) -> Points:
+    """The global optimum for each weight of the AV, free end speed; empty if no plan is feasible."""
+    goals = [Goal(accounting, omega) for omega in omegas]
+    pool = search(task, goals, known=search(task, goals))
+    best = [pool.best(goal) for goal in goals] if len(pool) else [None]
+    index = np.array([i for i in best if i is not None], dtype=np.int64)
+    return points_of(pool, index, accounting, np.zeros((len(index), 2), np.int64))
+
+
+def sweep_starts(posed: StartProblem, accounting: str, omegas: tuple[float, ...]) -> Points:
+    """The same with the start and the gap chosen."""
+    goals, task = [Goal(accounting, omega) for omega in omegas], posed.problem.task
+    known = search(task, goals)
+    fixed = search_starts(posed, goals, {CONTAINED: known}, free=False)
+    contained = fixed[CONTAINED].joined(search(task, goals, known=known))
+    pools = search_starts(posed, goals, fixed | {CONTAINED: contained}, free=True)
+    best = [one for goal in goals if (one := best_of(pools, goal)) is not None]
+    if not best:
+        return nothing()
+    rows = [pools[one.key].chosen(np.array([one.index])) for one in best]
+    chosen = rows[0].joined(*rows[1:])
+    return points_of(chosen, np.arange(len(best)), accounting, np.array([one.key for one in best]))
+
+
+def nsga2_front(
+    space: Space | None, accounting: str, *, population: int, generations: int, rng: np.random.Generator
+) -> Points:
+    """Non-dominated feasible plans after NSGA-II, by rising loss of the AV; empty if there are none."""
+    if space is None:
+        return nothing()
+    # pymoo takes half a second to import: only those who use it pay.
+    from pymoo.algorithms.moo.nsga2 import NSGA2
+    from pymoo.optimize import minimize
+
+    result = minimize(
+        _problem(space, accounting),
+        NSGA2(pop_size=population, eliminate_duplicates=False),
+        ("n_gen", generations),
+        seed=int(rng.integers(2**31)),
+        copy_algorithm=False,
+    )
+    if result.X is None:
+        return nothing()
+    pool, start = space.simulate(np.atleast_2d(result.X))
+    feasible = np.flatnonzero(pool.feasible(accounting))
+    return non_dominated(points_of(pool, feasible, accounting, start[feasible]))
+
+
+def nothing() -> Points:
+    """No points."""
+    none, number = np.zeros(0), np.zeros(0, np.int64)
+    return Points(number, number, number, none, none, none, none)
+
+
+def _problem(space: Space, accounting: str) -> Any:
+    from pymoo.core.problem import Problem
+
+    class _Plans(Problem):  # type: ignore[misc]
+        def __init__(self) -> None:
+            m = space.dimensions
+            super().__init__(n_var=m, n_obj=2, n_ieq_constr=1, xl=np.zeros(m), xu=np.ones(m))
+
+        def _evaluate(self, x: FloatArray, out: dict[str, FloatArray], *_: Any, **__: Any) -> None:
+            pool, _start = space.simulate(x)
+            out["F"] = np.stack(pool.losses(accounting), axis=1)
+            early = 1.0 - np.minimum(pool.contact, space.samples) / space.samples
+            violated = np.where(pool.violation > 0, _VIOLATED, np.maximum(early, 1e-3))
+            out["G"] = np.where(pool.feasible(accounting), 0.0, violated)[:, None]
+
+    return _Plans()
+
+
+def decode(task: Task, durations: IntArray, x: FloatArray) -> tuple[IntArray, FloatArray, FloatArray]:
+    """Plans (n, delta, change) from points of the unit cube, shape (m, 3).
+
+    The second coordinate spans the end speeds and the third the distances that the limits leave at each T.
+    """
+    n = durations[_nth(x[:, 0], len(durations))]
+    T, v0, limit = n * task.scene.dt, task.scene.v0, task.limit
+    widest = limit.jerk * T**2 / 6.0
+    low, high = np.maximum(limit.v_min - v0, -widest), np.minimum(limit.v_max - v0, widest)
+    change = low + x[:, 1] * (high - low)
+    low, high = forward_interval(T, change, v0, limit)
+    return n, low + x[:, 2] * np.maximum(high - low, 0.0), change
+
+
+def simulate_single(task: Task, n: IntArray, delta: FloatArray, change: FloatArray) -> Pool:
+    """Single plans through the kernel: those of one duration share its tiles."""
+    order = np.argsort(n, kind="stable")
+    _, start, count = np.unique(n[order], return_index=True, return_counts=True)
+    firsts = np.concatenate([np.arange(s, s + c, LANES) for s, c in zip(start, count, strict=True)])
+    ends = np.minimum(firsts + LANES, np.repeat(start + count, -(-count // LANES)))
+    # Rows are filled up with their last plan.
+    place = np.minimum(firsts[:, None] + np.arange(LANES), ends[:, None] - 1)
+    pool = task.simulate(n[order[firsts]], delta[order[place]], change[order[place]])
+    back = np.empty(len(n), np.int64)
+    back[order[place].ravel()] = np.arange(place.size)
+    return Pool(*(getattr(pool, name)[back] for name in Pool.__dataclass_fields__))
