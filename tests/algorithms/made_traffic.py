@@ -26,6 +26,7 @@ def traffic(vehicles, *, frames=100, entry=0.0, stop=1e9):
         index=TrackIndex.of(np.repeat(np.arange(n), frames), np.tile(np.arange(1, frames + 1), n)),
         x=x.ravel(),
         y=(lanes.ravel() - 0.5) * 3.75,
+        vy=np.zeros(lanes.size, np.float32),
         lane=lanes.ravel(),
         leader_id=leader.ravel(),
         ids=10 * np.arange(1, n + 1),
