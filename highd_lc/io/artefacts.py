@@ -6,7 +6,7 @@ recording. A finished artefact holds one row group a recording, so that a record
 """
 
 import json
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict
 from functools import cache
 from pathlib import Path
@@ -20,6 +20,9 @@ from highd_lc.io import atomic, value_checks
 from highd_lc.vocab.errors import ArtefactError
 from highd_lc.vocab.job import Job, Provenance
 from highd_lc.vocab.tables import SCHEMA_VERSION, TABLES, Column, Table
+
+Condition = tuple[str, str, Any]
+"""Column, comparison (as in ``pyarrow.parquet.read_table``) and value that rows must have to be read."""
 
 _METADATA = b"highd_lc"
 _ARROW = {
@@ -162,13 +165,20 @@ def write_groups(work: Path, name: str, groups: Iterable[pa.Table], provenance: 
     return rows
 
 
-def read(work: Path, name: str, *, recording: int | None = None, columns: list[str] | None = None) -> pd.DataFrame:
-    """Read a finished artefact, all of it or one recording's rows.
+def read(
+    work: Path,
+    name: str,
+    *,
+    recording: int | None = None,
+    columns: list[str] | None = None,
+    where: Sequence[Condition] = (),
+) -> pd.DataFrame:
+    """Read a finished artefact, all of it, one recording's rows, or those that meet all conditions.
 
     Nullable integers come as Int64, maps as dicts. Raises ArtefactError if it is missing, of another schema
     version, or damaged.
     """
-    return read_file(path_of(work, name), name, recording=recording, columns=columns)
+    return read_file(path_of(work, name), name, recording=recording, columns=columns, where=where)
 
 
 def read_tracks(work: Path, recording: int, *, columns: list[str] | None = None) -> pd.DataFrame:
@@ -184,13 +194,18 @@ def read_part(
 
 
 def read_file(
-    path: Path, name: str, *, recording: int | None = None, columns: list[str] | None = None
+    path: Path,
+    name: str,
+    *,
+    recording: int | None = None,
+    columns: list[str] | None = None,
+    where: Sequence[Condition] = (),
 ) -> pd.DataFrame:
     """Read an artefact's file and check it against its schema (see ``read``)."""
-    filters = None if recording is None else [("recording_id", "==", recording)]
+    filters = [*where] if recording is None else [("recording_id", "==", recording), *where]
     try:
         provenance_of(path)
-        table = pq.read_table(path, columns=columns, filters=filters, partitioning=None)
+        table = pq.read_table(path, columns=columns, filters=filters or None, partitioning=None)
     except FileNotFoundError as error:
         raise ArtefactError(f"{path}: not found; run the stage that makes {name}") from error
     except (pa.ArrowInvalid, OSError) as error:

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 
 from highd_lc.algorithms.population import (
     Bootstrap,
@@ -18,6 +19,8 @@ from highd_lc.io import artefacts
 from highd_lc.vocab import names
 from highd_lc.vocab.settings import StatisticsSettings
 from highd_lc.vocab.tables import TABLES
+
+FloatArray = NDArray[np.float64]
 
 PAIR_OF_FORM = {
     names.FIXED: names.FIXED_POLICIES,
@@ -62,14 +65,16 @@ _QUANTITIES = (
 _SPACINGS = ((0, 15), (15, 30), (30, 60), (60, np.inf))
 _CLOSING = ((-np.inf, -2), (-2, 2), (2, np.inf))
 _SPEEDS = ((0, 15), (15, 25), (25, 33), (33, np.inf))
+_AT_START = (("t", ">", -1e-9), ("t", "<", 1e-9))
 
 
 def situations(work: Path) -> pd.DataFrame:
     """What strata are made of: one row an event, indexed by event_id (see ``strata``)."""
     events = artefacts.read(work, "events").set_index("event_id")
     vehicles = artefacts.read(work, "vehicles").set_index(["recording_id", "vehicle_id"])["length"]
-    rows = artefacts.read(work, "event_tracks", columns=["event_id", "role", "t", "x", "vx"])
-    start = rows[rows["t"].abs() < 1e-9].set_index(["event_id", "role"])
+    start = artefacts.read(
+        work, "event_tracks", columns=["event_id", "role", "t", "x", "vx"], where=_AT_START
+    ).set_index(["event_id", "role"])
     ego = start.xs(names.EGO, level="role")
     first = start.xs(names.target_follower(1), level="role")
     follower = events["follower_ids"].map(lambda ids: int(ids[0]))
@@ -128,8 +133,8 @@ def validation_matrix(
     """Gain of the local optimum over the benchmark in every cell: form x accounting x stratum.
 
     events: see ``strata``, indexed by event_id; losses: the artefact. Events without a feasible plan of either
-    policy count in n_events and infeasible, not in the totals; of the forms with a chosen start only those count
-    whose start was chosen.
+    policy count in n_events and infeasible, not in the totals; events that could not be planned at all (listed as
+    problems of the run), or whose start was not chosen, count nowhere.
     """
     bootstrap = Bootstrap(settings.bootstrap, settings.confidence, seed)
     rows = []
@@ -139,13 +144,12 @@ def validation_matrix(
             pair = paired(chosen, local, benchmark)
             if pair.empty:
                 continue
+            pair = _with_somebody_worse(pair, settings.tie_band)
             human = chosen[chosen["policy"] == names.HUMAN].set_index("event_id")
             for stratum, members in strata(events).items():
-                inside = members.index[members]
-                if form in PAIR_OF_START_FORM:
-                    inside = inside.intersection(pair.index, sort=False)
-                    if inside.empty:
-                        continue
+                inside = members.index[members].intersection(pair.index, sort=False)
+                if inside.empty:
+                    continue
                 of_stratum = pair.reindex(inside)
                 row = {"form": form, "accounting": accounting, "stratum": stratum}
                 observed = _share_observed(human.reindex(inside))
@@ -166,18 +170,30 @@ def _with_worst_follower(pair: pd.DataFrame) -> pd.DataFrame:
     """A pair with the loss of the one follower to whom the policy does most harm, or least good."""
     if pair.empty:
         return pair
-    each = zip(pair["loss_hv_each_1"], pair["loss_hv_each_0"], strict=True)
-    one, other = zip(*(_worst(a, b) for a, b in each), strict=True)
-    return pair.assign(worst_follower_1=one, worst_follower_0=other)
+    one, other = _followers(pair)
+    growth = np.where(np.isnan(one), -np.inf, one - other)
+    worst = np.arange(len(pair)), growth.argmax(axis=1)
+    return pair.assign(worst_follower_1=one[worst], worst_follower_0=other[worst])
 
 
-def _worst(each: object, against: object) -> tuple[float, float]:
-    """Both losses of the follower whose loss grows most; NaN where a policy has no plan."""
-    one, other = np.atleast_1d(np.asarray(each, float)), np.atleast_1d(np.asarray(against, float))
-    if len(one) != len(other) or not len(one) or np.isnan(one).any():
-        return np.nan, np.nan
-    k = int(np.argmax(one - other))
-    return float(one[k]), float(other[k])
+def _followers(pair: pd.DataFrame) -> tuple[FloatArray, FloatArray]:
+    """Each follower's loss under both policies of a pair, shape (events, most followers); NaN where there is none.
+
+    An event with a plan of only one of the policies has none.
+    """
+    one, other = (_padded(pair[f"loss_hv_each_{k}"]) for k in (1, 0))
+    width = min(one.shape[1], other.shape[1])
+    unpaired = (np.isnan(one).sum(axis=1) != np.isnan(other).sum(axis=1))[:, None]
+    one, other = (np.where(unpaired, np.nan, each[:, :width]) for each in (one, other))
+    return one, other
+
+
+def _padded(lists: pd.Series) -> FloatArray:
+    """Lists of numbers as rows of one array, NaN after their ends; at least one column."""
+    lengths = lists.map(len).to_numpy()
+    rows = np.full((len(lists), max(1, lengths.max(initial=0))), np.nan)
+    rows[np.arange(rows.shape[1]) < lengths[:, None]] = np.concatenate([*lists, []])
+    return rows
 
 
 def _cell(pair: pd.DataFrame, bootstrap: Bootstrap, band: float) -> dict[str, Any]:
@@ -202,7 +218,7 @@ def _cell(pair: pd.DataFrame, bootstrap: Bootstrap, band: float) -> dict[str, An
         "share_differ": 1.0 - tied,
         "share_better": better,
         "share_worse": worse,
-        "share_worst_follower_worse": _share_somebody_worse(solved, band),
+        "share_worst_follower_worse": float(solved["somebody_worse"].mean()) if len(solved) else np.nan,
         "infeasible": len(pair) - len(solved),
     }
 
@@ -218,11 +234,10 @@ def _gain(pair: pd.DataFrame, column: str) -> float:
     return float(1.0 - pair[f"{column}_1"].sum() / total) if total > 0.0 else np.nan
 
 
-def _share_somebody_worse(pair: pd.DataFrame, band: float) -> float:
-    if pair.empty:
-        return np.nan
-    each = zip(pair["loss_hv_each_1"], pair["loss_hv_each_0"], strict=True)
-    return float(np.mean([np.any(np.asarray(a) > np.asarray(b) * (1.0 + band)) for a, b in each]))
+def _with_somebody_worse(pair: pd.DataFrame, band: float) -> pd.DataFrame:
+    """A pair with whether the policy raises any follower's loss by more than the band."""
+    one, other = _followers(pair)
+    return pair.assign(somebody_worse=(one > other * (1.0 + band)).any(axis=1))
 
 
 def summarise_losses(losses: pd.DataFrame, settings: StatisticsSettings, *, seed: int) -> pd.DataFrame:

@@ -203,6 +203,7 @@ class _Scores:
 
 def _loss_row(problem: PlanningProblem, plan: Plan, scores: _Scores) -> Row:
     row = {"policy": plan.policy, "accounting": plan.accounting, "recorded_n_samples": 0, "follower_n_samples": 0}
+    row |= {"loss_hv_each": [], "follower_weights": []}
     if plan.replay is None:
         return row
     dt, terms, settings = problem.scene.dt, problem.terms, problem.settings.loss

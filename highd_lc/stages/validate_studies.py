@@ -2,7 +2,8 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -37,6 +38,7 @@ STUDY_TABLES = (
 )
 """The parts that are written for each recording."""
 PAIRS = PAIR_OF_FORM | PAIR_OF_START_FORM
+_ALL = 2**62
 _MOST_FOLLOWERS = 3
 """Strata of the sample tell this many followers from fewer, and more no further."""
 
@@ -57,18 +59,25 @@ class Samples:
 
 def samples(job: Job) -> Samples:
     """The run's samples, drawn from all events of all recordings by class, direction and number of followers."""
-    settings, seed = job.settings.validation.studies, job.settings.seed
+    settings = job.settings.validation.studies
     if settings.chosen:
         return Samples(*[frozenset(settings.chosen)] * 5)
-    events = artefacts.read(job.work, "events", columns=["event_id", "ego_class", "direction", "follower_ids"])
+    sizes = {"none": 0, "sample": settings.start_sample, "all": _ALL}
+    drawn_at = artefacts.path_of(job.work, "events").stat().st_mtime_ns
+    return _drawn(job.work, drawn_at, settings, sizes[job.settings.validation.planner.start], job.settings.seed)
+
+
+@lru_cache(maxsize=1)
+def _drawn(work: Path, written: int, settings: StudySettings, starts: int, seed: int) -> Samples:
+    """The samples, drawn once for all recordings that a process works on. written: when the events were [ns]."""
+    events = artefacts.read(work, "events", columns=["event_id", "ego_class", "direction", "follower_ids"])
     count = events["follower_ids"].map(len).clip(upper=_MOST_FOLLOWERS)
     strata = dict(
         zip(events["event_id"], zip(events["ego_class"], events["direction"], count, strict=True), strict=True)
     )
     studied = stratified_sample(strata, settings.sample, seed=seed)
     compared = stratified_sample(strata, settings.solver_sample, seed=seed)
-    sizes = {"none": 0, "sample": settings.start_sample, "all": len(strata)}
-    started = stratified_sample(strata, sizes[job.settings.validation.planner.start], seed=seed)
+    started = stratified_sample(strata, starts, seed=seed)
     foreseen = stratified_sample(
         {e: s for e, s in strata.items() if e in started}, settings.foresight_sample, seed=seed
     )

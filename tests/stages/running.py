@@ -5,9 +5,12 @@ from pathlib import Path
 import pandas as pd
 
 from highd_lc.io import artefacts, tracks_file
-from highd_lc.stages import extract, ingest
-from highd_lc.vocab.job import Job, JobReport, Provenance
+from highd_lc.stages import calibrate, extract, ingest, validate
+from highd_lc.vocab.job import Combination, Job, JobReport, Provenance
 from highd_lc.vocab.settings import Settings
+
+FIXTURES = Path(__file__).parents[1] / "fixtures"
+_JOINED = {ingest: ("vehicles", "recordings"), extract: ("crossings", "events", "event_tracks")}
 
 
 def job(data: Path, work: Path, recording: int = 1, **sections: dict[str, object]) -> Job:
@@ -37,3 +40,20 @@ def extracted(
 def ingested(data: Path, work: Path, **sections: dict[str, object]) -> JobReport:
     """What ingest reports of recording 1."""
     return ingest.run(job(data, work, **sections))
+
+
+def validated(work: Path, recordings: tuple[int, ...], settings: Settings) -> Path:
+    """All stages up to validate on the fixtures, the recordings in the order given."""
+    about = Provenance("settings", {}, settings.seed, "code")
+    jobs = [Job(recording, FIXTURES, work, settings, about) for recording in recordings]
+    combination = Combination(tuple(sorted(recordings)), work, settings, about)
+    for stage, tables in _JOINED.items():
+        for one in jobs:
+            stage.run(one)
+        for table in tables:
+            artefacts.concatenate(work, stage.STAGE, table, combination.recordings, about)
+    for stage in (calibrate, validate):
+        for one in jobs:
+            stage.run(one)
+        stage.combine(combination)
+    return work

@@ -5,15 +5,13 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from running import validated
 
 from highd_lc.io import artefacts
-from highd_lc.stages import calibrate, extract, ingest, validate
 from highd_lc.vocab import names
-from highd_lc.vocab.job import Combination, Job, Provenance
 from highd_lc.vocab.settings import Settings
 from highd_lc.vocab.study_tables import STUDY_TABLES
 
-FIXTURES = Path(__file__).parents[1] / "fixtures"
 SETTINGS = Settings.model_validate(
     {
         "calibrate": {"optimiser": "screen"},
@@ -26,7 +24,6 @@ SETTINGS = Settings.model_validate(
         },
     }
 )  # fmt: skip
-JOINED = {ingest: ("vehicles", "recordings"), extract: ("crossings", "events", "event_tracks")}
 KEY = ["event_id", "policy", "accounting"]
 PAIRS = {
     names.FIXED: names.FIXED_POLICIES,
@@ -36,26 +33,9 @@ PAIRS = {
 }
 
 
-def validated(work: Path, recordings: tuple[int, ...]) -> Path:
-    """All stages up to validate, the recordings in the order given."""
-    about = Provenance("settings", {}, SETTINGS.seed, "code")
-    jobs = [Job(recording, FIXTURES, work, SETTINGS, about) for recording in recordings]
-    combination = Combination(tuple(sorted(recordings)), work, SETTINGS, about)
-    for stage, tables in JOINED.items():
-        for job in jobs:
-            stage.run(job)
-        for table in tables:
-            artefacts.concatenate(work, stage.STAGE, table, combination.recordings, about)
-    for stage in (calibrate, validate):
-        for job in jobs:
-            stage.run(job)
-        stage.combine(combination)
-    return work
-
-
 @pytest.fixture(scope="module")
 def work(tmp_path_factory) -> Path:
-    return validated(tmp_path_factory.mktemp("one"), (1, 2))
+    return validated(tmp_path_factory.mktemp("one"), (1, 2), SETTINGS)
 
 
 def test_every_table_has_rows(work):
@@ -188,6 +168,6 @@ def test_worst_follower_is_compared(work):
 
 
 def test_order_of_the_recordings_does_not_matter(work, tmp_path):
-    other = validated(tmp_path, (2, 1))
+    other = validated(tmp_path, (2, 1), SETTINGS)
     for name in ("cross_losses", "cross_scores", "uncertainty", "pareto", "solver_comparison", "horizon_losses"):
         pd.testing.assert_frame_equal(artefacts.read(work, name), artefacts.read(other, name), check_exact=True)
