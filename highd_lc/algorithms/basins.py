@@ -8,6 +8,7 @@ other. The grid's nodes over each lie at widest s |s|, evenly spaced in s.
 from typing import Final, NamedTuple
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 from highd_lc.algorithms.pool import Goal, Pool, Task
@@ -92,7 +93,16 @@ def _line_minima(value: FloatArray, new_line: NDArray[np.bool_]) -> IntArray:
     return np.flatnonzero(np.isfinite(value) & (value <= before) & (value <= after))
 
 
+@njit(cache=True, nogil=True)
 def _alone(place: FloatArray) -> NDArray[np.bool_]:
     """Which places, best first, have no better neighbour."""
-    near = (np.abs(place[:, None, :] - place[None, :, :]) < 1.0).all(axis=2)
-    return np.logical_not(np.tril(near, -1).any(axis=1))
+    alone = np.ones(len(place), np.bool_)
+    for i in range(len(place)):
+        for j in range(i):
+            near = True
+            for axis in range(place.shape[1]):
+                near &= abs(place[i, axis] - place[j, axis]) < 1.0
+            if near:
+                alone[i] = False
+                break
+    return alone

@@ -1,6 +1,7 @@
 """The pool of simulated candidates: who is feasible, what each goal makes of them, which is best."""
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -52,9 +53,22 @@ class Pool:
         return len(self.n)
 
     def joined(self, *others: "Pool") -> "Pool":
-        """All pools in one, this one first."""
+        """All pools in one, this one first. What this one knows of its candidates is not worked out again."""
         pools = (self, *others)
-        return Pool(*(np.concatenate([getattr(p, f) for p in pools]) for f in self.__dataclass_fields__))
+        pool = Pool(*(np.concatenate([getattr(p, f) for p in pools]) for f in self.__dataclass_fields__))
+        for accounting, kept in self._feasible.items():
+            pool._feasible[accounting] = np.concatenate([kept, *(p.feasible(accounting) for p in others)])
+        for goal, value in self._objective.items():
+            pool._objective[goal] = np.concatenate([value, *(p.objective(goal) for p in others)])
+        return pool
+
+    @cached_property
+    def _feasible(self) -> dict[str, NDArray[np.bool_]]:
+        return {}
+
+    @cached_property
+    def _objective(self) -> dict[Goal, FloatArray]:
+        return {}
 
     def chosen(self, index: IntArray) -> "Pool":
         """Some of the candidates."""
@@ -68,9 +82,10 @@ class Pool:
 
     def feasible(self, accounting: str) -> NDArray[np.bool_]:
         """Which candidates keep every limit and touch nobody over the accounted time."""
-        last = self.n if accounting == names.PAPER else np.full(len(self), NO_CONTACT - 1)
-        kept: NDArray[np.bool_] = (self.violation == 0) & (self.contact > last)
-        return kept
+        if accounting not in self._feasible:
+            last = self.n if accounting == names.PAPER else NO_CONTACT - 1
+            self._feasible[accounting] = (self.violation == 0) & (self.contact > last)
+        return self._feasible[accounting]
 
     def obstacle(self, accounting: str) -> IntArray:
         """What stands in each candidate's way: -1 nothing, the role of the first contact, or -1 - violation."""
@@ -83,7 +98,9 @@ class Pool:
 
     def objective(self, goal: Goal) -> FloatArray:
         """Joint objective of each candidate, infinite where infeasible."""
-        return np.where(self.feasible(goal.accounting), self.unconstrained(goal), np.inf)
+        if goal not in self._objective:
+            self._objective[goal] = np.where(self.feasible(goal.accounting), self.unconstrained(goal), np.inf)
+        return self._objective[goal]
 
     def best(self, goal: Goal) -> int | None:
         """Index of the best feasible candidate, the first of equals; None if there is none."""

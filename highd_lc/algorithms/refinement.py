@@ -99,10 +99,14 @@ def _leading(pool: Pool, goals: list[Goal], heads: list[Head]) -> list[Head]:
     values = [pool.objective(goal) for goal in goals]
     for g, value in enumerate(values):
         best = pool.best(goals[g])
-        if best is not None and not any(np.array_equal(value, before) for before in values[:g]):
+        if best is not None and not any(_same(value, before, best) for before in values[:g]):
             rivals = [i for i, of in heads if of == g and value[i] <= value[best] * (1.0 + _RIVAL)]
             leading += [(i, g) for i in [best, *rivals]]
     return leading
+
+
+def _same(value: FloatArray, before: FloatArray, best: int) -> bool:
+    return bool(value[best] == before[best]) and np.array_equal(value, before)
 
 
 def _beside(task: Task, pool: Pool, heads: list[Head], explored: set[Place], *, free: bool) -> list[Row]:

@@ -20,6 +20,8 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 _NOMINAL_NODES: Final = 33
+_NOMINAL_DURATIONS: Final = {False: 1, True: 5}
+"""The plain grid has every duration in the fixed form, every fifth in the free form."""
 
 
 def search(task: Task, goals: list[Goal], *, known: Pool | None = None) -> Pool:
@@ -67,10 +69,10 @@ def _changes(task: Task, T: FloatArray, free: bool) -> FloatArray:
 def nominal_rejections(task: Task, *, free: bool) -> dict[str, int]:
     """How many plans of a plain grid each dynamic constraint rejects.
 
-    The grid spans every T, mean speeds from v_min to v_max and, in the free form, end speeds from v_min to
-    v_max; a plan counts for the first constraint that it violates.
+    The grid spans every T (every fifth in the free form), mean speeds from v_min to v_max and, in the free form,
+    end speeds from v_min to v_max; a plan counts for the first constraint that it violates.
     """
-    n, scene, limit = task.durations, task.scene, task.limit
+    n, scene, limit = task.durations[:: _NOMINAL_DURATIONS[free]], task.scene, task.limit
     T = task.seconds(n)[:, None, None]
     span = (limit.v_min - scene.v0, limit.v_max - scene.v0)
     speeds = np.linspace(*span, _NOMINAL_NODES)
