@@ -51,7 +51,7 @@ class StageRun:
         finished = {r: self._key(r) for r in self.keys if r in reports}
         outcome.problems += [problem for r in finished for problem in reports[r].problems]
         self._require(finished, outcome)
-        together = digest(*finished.values(), self.name)
+        together = digest(*finished.values(), self.name, *self._neighbours)
         combined = None if pending else self._records.finished(self.name, together)
         if combined is None:
             combined = self._combine_anew(tuple(sorted(finished)), together)
@@ -162,6 +162,14 @@ class StageRun:
             "validate": [s.validation, s.seed],
         }
         return sections[self.name]
+
+    @property
+    def _neighbours(self) -> list[str]:
+        """What only the combination depends on, and no stage of this run makes."""
+        if self.name != "report":
+            return []
+        found: list[str] = stage_module(self.name).neighbours(self.options.reports)
+        return found
 
     @cached_property
     def _request(self) -> ReportRequest | None:
