@@ -160,8 +160,9 @@ def combine(combination: Combination, *, request: ReportRequest) -> JobReport:
     if request.events is not None:
         return JobReport()
     work, raw = combination.work, combination.settings.report.raw
+    statistics = combination.settings.validation.statistics
     artefacts.concatenate(work, STAGE, "event_pages", combination.recordings, combination.provenance)
-    pages = {name: page.encode("utf-8") for name, page in overview_pages(work, raw=raw)}
+    pages = {name: page.encode("utf-8") for name, page in overview_pages(work, raw=raw, statistics=statistics)}
     scenarios = has_scenarios(request.reports)
     for name, page in pages.items():
         _write(request.reports / name, TO_SCENARIOS.opened(page) if scenarios else page)
