@@ -26,7 +26,7 @@ def dead(reports: Path) -> list[tuple[str, str]]:
 
 
 def make_scenarios(reports: Path) -> None:
-    """What the scenarios' stage leaves beside a report, without its hours of simulation."""
+    """What the scenarios' stage leaves beside a report, without what it simulates."""
     folder = reports / "scenarios"
     folder.mkdir(parents=True, exist_ok=True)
     back = (reports / "index.html").is_file()
