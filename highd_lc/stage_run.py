@@ -66,8 +66,13 @@ class StageRun:
         return Records(self.options.work, self.options.verify)
 
     def _finished(self) -> dict[int, JobReport]:
-        found = {r: self._records.finished(self.name, self._key(r), r) for r in self.keys}
-        return {recording: done for recording, done in found.items() if done is not None}
+        """Recordings without work to do. Those that single events leave alone keep their records and pages."""
+        found = {r: self._records.finished(self.name, self._key(r), r) for r in self.keys if not self._idle(r)}
+        idle = {r: JobReport() for r in self.keys if self._idle(r)}
+        return idle | {recording: done for recording, done in found.items() if done is not None}
+
+    def _idle(self, recording: int) -> bool:
+        return self._request is not None and self._request.leaves_alone(recording)
 
     def _work(
         self, pending: list[int], execution: Execution, outcome: Outcome, console: Console

@@ -43,16 +43,18 @@ def choose(
     ones, or a format is another.
     """
     _check_formats(vector)
-    known = artefacts.read(work, "events", columns=["event_id"])["event_id"]
+    of_event = artefacts.read(work, "events", columns=["event_id", "recording_id"])
+    known = of_event["event_id"]
     unknown = sorted(set(events) - set(known))
     if unknown:
         raise UsageError(f"event {unknown[0]!r}: not among the {len(known)} usable events of {work}")
     wanted = frozenset(events) if events else None
+    recordings = frozenset(of_event.loc[known.isin(events), "recording_id"].tolist()) if events else None
     if settings.png == "none":
-        return ReportRequest(reports, wanted, frozenset())
+        return ReportRequest(reports, wanted, frozenset(), recordings=recordings)
     every = settings.png == "all" or (settings.png == "auto" and len(known) <= _MOST_AUTOMATIC)
     pictures = wanted if events else None if every else top_events(work, settings.top)
-    return ReportRequest(reports, wanted, pictures, vector)
+    return ReportRequest(reports, wanted, pictures, vector, recordings)
 
 
 def _check_formats(vector: tuple[str, ...]) -> None:

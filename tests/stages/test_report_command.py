@@ -86,6 +86,24 @@ def test_one_event_gets_its_picture_whether_top_or_not(pipeline_run, command):
     assert command.opened == [str((reports / "events" / f"{last}.html").resolve())]
 
 
+def test_one_event_costs_its_recording_alone(pipeline_run, command):
+    events = artefacts.read(pipeline_run.work, "events")
+    chosen = events.iloc[0]
+    others = events.loc[events["recording_id"] != chosen["recording_id"], "event_id"].tolist()
+    assert others
+    reports = command()
+
+    def times() -> dict[str, int]:
+        return {event: (reports / "events" / f"{event}.html").stat().st_mtime_ns for event in others}
+
+    before = times()
+    command("--event", chosen["event_id"])
+    command()
+    assert times() == before
+    page = (reports / "events" / f"{chosen['event_id']}.html").read_text(encoding="utf-8")
+    assert ('rel="next"' in page) == (sum(events["recording_id"] == chosen["recording_id"]) > 1)
+
+
 def test_open_opens_what_was_made_and_nothing_after_a_mistake(command):
     reports = command("--open")
     assert command.opened == [str((reports / "index.html").resolve())]
