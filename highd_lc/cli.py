@@ -60,13 +60,21 @@ def _signals_as_errors() -> Iterator[None]:
         signal.signal(signal.SIGTERM, before)
 
 
-def _go(stage: str, settings: Settings, options: Options) -> None:
+def _go(stage: str, settings: Settings, options: Options, *, browser: bool = False) -> None:
     with _signals_as_errors():
         from highd_lc import engine
 
         outcome = engine.run(settings, options, last=stage, console=console)
     _print_results(stage, options)
+    if browser:
+        typer.launch(str(_page(options)))
     _end_with_problems(outcome)
+
+
+def _page(options: Options) -> Path:
+    """What to look at first: the page of the event asked for, else the index."""
+    first = f"events/{options.events[0]}.html" if options.events else "index.html"
+    return (options.reports / first).resolve()
 
 
 def _print_results(stage: str, options: Options) -> None:
@@ -78,7 +86,7 @@ def _print_results(stage: str, options: Options) -> None:
     if stage in ("validate", "report"):
         console.print(matrix_table(artefacts.read(options.work, "validation_matrix")))
     if stage == "report":
-        console.print(f"report: {(options.reports / 'index.html').resolve()}", soft_wrap=True)
+        console.print(f"report: {_page(options)}", soft_wrap=True)
 
 
 def _end_with_problems(outcome: Outcome) -> None:
@@ -123,6 +131,19 @@ _stage_command("validate", "Replay every event through planner and MPC.")
 _stage_command("report", "All stages in order, skipping what is up to date.")
 
 
+_EVENT = "make only this event's page, with its PNG unless --png none (repeatable)"
+_PNG = (
+    "which events get a PNG beside their page; auto: all up to 500 events, else top; others' PNGs of earlier runs "
+    "are removed; default: the pipeline's, which is auto if it says nothing"
+)
+_TOP = (
+    "how many events are top: those whose gain is farthest from 0, either way (fixed end speed, accounting "
+    "equal); alone it means --png top; the next run without it draws the others again; default: the pipeline's, "
+    "else 50"
+)
+_OPEN = "open the report, or the event's page, in a browser once it is made"
+
+
 @app.command()
 def report(
     pipeline: Pipeline = None,
@@ -133,12 +154,12 @@ def report(
     scheduler: Scheduler = None,
     verify: Verify = False,
     strict: Strict = False,
-    event: Annotated[list[str] | None, typer.Option(help="make only this event's page (repeatable)")] = None,
-    png: Annotated[str | None, typer.Option(help="PNGs: all, top, none, auto")] = None,
-    top: Annotated[int | None, typer.Option(min=1, help="how many events count as top")] = None,
+    event: Annotated[list[str] | None, typer.Option(help=_EVENT)] = None,
+    png: Annotated[str | None, typer.Option(metavar="all|top|none|auto", help=_PNG)] = None,
+    top: Annotated[int | None, typer.Option(min=1, metavar="N", help=_TOP)] = None,
     raw: Annotated[bool, typer.Option("--raw", help="draw raw coordinates: such pages may not be shared")] = False,
     vector: Annotated[list[str] | None, typer.Option(help="also pdf or svg of the events drawn")] = None,
-    open_: Annotated[bool, typer.Option("--open", help="open the report in a browser")] = False,
+    open_: Annotated[bool, typer.Option("--open", help=_OPEN)] = False,
 ) -> None:
     """Make the pages and figures."""
     folder = _data(data)
@@ -151,11 +172,7 @@ def report(
     options = Options(
         folder, work, reports, workers, scheduler, verify, strict, tuple(event or ()), tuple(vector or ())
     )
-    try:
-        _go("report", settings, options)
-    finally:
-        if open_:
-            typer.launch(str((reports / "index.html").resolve()))
+    _go("report", settings, options, browser=open_)
 
 
 @app.command()

@@ -51,7 +51,7 @@ class StageRun:
         finished = {r: self._key(r) for r in self.keys if r in reports}
         outcome.problems += [problem for r in finished for problem in reports[r].problems]
         self._require(finished, outcome)
-        together = digest(*finished.values(), self.name)
+        together = digest(*finished.values(), self.name, *self._neighbours)
         combined = None if pending else self._records.finished(self.name, together)
         if combined is None:
             combined = self._combine_anew(tuple(sorted(finished)), together)
@@ -66,8 +66,13 @@ class StageRun:
         return Records(self.options.work, self.options.verify)
 
     def _finished(self) -> dict[int, JobReport]:
-        found = {r: self._records.finished(self.name, self._key(r), r) for r in self.keys}
-        return {recording: done for recording, done in found.items() if done is not None}
+        """Recordings without work to do. Those that single events leave alone keep their records and pages."""
+        found = {r: self._records.finished(self.name, self._key(r), r) for r in self.keys if not self._idle(r)}
+        idle = {r: JobReport() for r in self.keys if self._idle(r)}
+        return idle | {recording: done for recording, done in found.items() if done is not None}
+
+    def _idle(self, recording: int) -> bool:
+        return self._request is not None and self._request.leaves_alone(recording)
 
     def _work(
         self, pending: list[int], execution: Execution, outcome: Outcome, console: Console
@@ -162,6 +167,14 @@ class StageRun:
             "validate": [s.validation, s.seed],
         }
         return sections[self.name]
+
+    @property
+    def _neighbours(self) -> list[str]:
+        """What only the combination depends on, and no stage of this run makes."""
+        if self.name != "report":
+            return []
+        found: list[str] = stage_module(self.name).neighbours(self.options.reports)
+        return found
 
     @cached_property
     def _request(self) -> ReportRequest | None:

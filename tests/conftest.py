@@ -24,6 +24,7 @@ hypothesis_settings.load_profile("repeatable")
 class PipelineRun:
     """A finished run: read only, several tests look at it."""
 
+    data: Path
     work: Path
     reports: Path
     settings: Settings
@@ -47,4 +48,4 @@ def pipeline_run(tmp_path_factory: pytest.TempPathFactory) -> PipelineRun:
     settings = small_studies(settings_file.load(settings_file.find_pipeline("highd")))
     options = Options(FIXTURES, root / "work", root / "reports", workers=1)
     outcome = engine.run(settings, options, last="report", console=Console(file=io.StringIO()))
-    return PipelineRun(options.work, options.reports, settings, outcome)
+    return PipelineRun(FIXTURES, options.work, options.reports, settings, outcome)

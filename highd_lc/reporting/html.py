@@ -18,6 +18,7 @@ from markupsafe import Markup
 from matplotlib.figure import Figure
 
 from highd_lc.reporting import drawing, labels
+from highd_lc.reporting.crosslinks import TO_SCENARIOS
 
 _NO_METADATA: Final = dict.fromkeys(("Date", "Creator", "Format", "Type"))
 _MISSING: Final = "–"
@@ -65,7 +66,8 @@ def _environment() -> Environment:
     environment.filters.update(
         number=number, percent=percent, cells=cells, bars=bars, json=json_script, role=labels.role
     )
-    environment.globals.update(style=style, script=script, pages=PAGES, labels=labels, policy_head=policy_head)
+    environment.globals.update(style=style, script=script, labels=labels, policy_head=policy_head)
+    environment.globals.update(pages=PAGES, crosslink=TO_SCENARIOS.room)
     return environment
 
 

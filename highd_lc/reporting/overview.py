@@ -37,7 +37,9 @@ class TableView:
 
 @dataclass(frozen=True)
 class Section:
-    """A part of a page: heading, paragraphs, a figure with its caption, tables, and tables behind a click."""
+    """A part of a page: heading, paragraphs, points (heading and paragraphs each), a figure with its caption,
+    tables, and tables behind a click.
+    """
 
     title: str = ""
     text: tuple[str | Markup, ...] = ()
@@ -46,6 +48,7 @@ class Section:
     tables: tuple[TableView, ...] = ()
     folded: tuple[TableView, ...] = ()
     anchor: str = ""
+    points: tuple[tuple[str, tuple[str, ...]], ...] = ()
 
 
 def table_view(frame: pd.DataFrame, columns: Sequence[Column], caption: str = "") -> TableView:

@@ -46,8 +46,11 @@ class IndexTables:
     pages: pd.DataFrame
 
 
-def index_page(tables: IndexTables, *, raw: bool = False) -> str:
-    """The index page of a run. raw: whether the event pages carry unrounded recorded motion."""
+def index_page(tables: IndexTables, *, raw: bool = False, says: str = "") -> str:
+    """The index page of a run.
+
+    raw: whether the event pages carry unrounded recorded motion; says: what the run says, see ``run_words``.
+    """
     events, crossings = tables.events, tables.crossings
     excluded = crossings.loc[~crossings["usable"], "reason"].value_counts()
     present = [cell for cell in CELLS if PAIRS[cell[0]][0] in set(tables.plans["policy"])]
@@ -55,6 +58,7 @@ def index_page(tables: IndexTables, *, raw: bool = False) -> str:
         "root": "",
         "here": "index.html",
         "raw": raw,
+        "says": says,
         "n_events": len(events),
         "n_recordings": int(events["recording_id"].nunique()),
         "n_crossings": len(crossings),

@@ -8,6 +8,7 @@ import pandas as pd
 from markupsafe import Markup
 
 from highd_lc.reporting import html, labels
+from highd_lc.reporting.crosslinks import TO_REPORT
 from highd_lc.reporting.overview import Column, Section, TableView, table_view
 from highd_lc.vocab import names
 
@@ -41,9 +42,9 @@ def scenario_page(
 
     back: whether a report lies in the folder above.
     """
-    pages = [*PAGES, *([("../index.html", "Report of the recordings")] if back else [])]
-    context = {"root": "", "here": here, "title": title, "lead": lead, "sections": sections, "pages": pages}
-    return html.render("overview.html", context)
+    context = {"root": "", "here": here, "title": title, "lead": lead, "sections": sections, "pages": PAGES}
+    crosslink = TO_REPORT.link if back else TO_REPORT.room
+    return html.render("overview.html", context | {"crosslink": crosslink})
 
 
 def picture_section(

@@ -1,6 +1,6 @@
 """The summary page: the population's results on one screen, with links to everything behind them."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -18,6 +18,7 @@ from highd_lc.reporting.pages_calibration import table3_section
 from highd_lc.reporting.pages_data import funnel_section, quality_section
 from highd_lc.reporting.pages_population import matrix_section, with_labels
 from highd_lc.reporting.pages_studies import pareto_section
+from highd_lc.reporting.run_words import Said
 from highd_lc.vocab import names
 
 FloatArray = NDArray[np.float64]
@@ -41,8 +42,8 @@ class SummaryTables:
     pages: pd.DataFrame
 
 
-def summary_page(tables: SummaryTables) -> str:
-    """The results of a run on one page."""
+def summary_page(tables: SummaryTables, says: Sequence[Said] = ()) -> str:
+    """The results of a run on one page. says: the same in words, see ``run_words``."""
     lead = (
         f"{len(tables.events)} lane changes of {tables.events['recording_id'].nunique()} recordings.",
         Markup(
@@ -51,7 +52,8 @@ def summary_page(tables: SummaryTables) -> str:
             '<a href="data.html">data</a>, <a href="excluded.html">excluded lane-id changes</a>.'
         ),
     )
-    return overview_page("summary.html", "Summary", _sections(tables), lead)
+    words = [Section("What this run says", points=tuple(says), anchor="says")] if says else []
+    return overview_page("summary.html", "Summary", [*words, *_sections(tables)], lead)
 
 
 def _sections(tables: SummaryTables) -> Iterator[Section]:

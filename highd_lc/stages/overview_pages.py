@@ -19,8 +19,10 @@ from highd_lc.reporting.pages_population import dictionary_page, matrix_page
 from highd_lc.reporting.pages_start import StartTables, start_page
 from highd_lc.reporting.pages_studies import StudyTables, studies_page
 from highd_lc.reporting.pages_summary import SummaryTables, summary_page
+from highd_lc.reporting.run_words import RunTables, run_in_short, run_says
 from highd_lc.vocab import names
 from highd_lc.vocab.lcm_parameters import PARAMETERS
+from highd_lc.vocab.settings import StatisticsSettings
 
 FloatArray = NDArray[np.float64]
 
@@ -28,15 +30,30 @@ _KEY: Final = ["event_id", "policy", "accounting"]
 _SAFE_STEP_M: Final = 0.1
 
 
-def overview_pages(work: Path, *, raw: bool) -> Iterator[tuple[str, str]]:
-    """File name and text of each overview page. raw: recorded motion at full resolution."""
+def overview_pages(work: Path, *, raw: bool, statistics: StatisticsSettings) -> Iterator[tuple[str, str]]:
+    """File name and text of each overview page.
+
+    raw: recorded motion at full resolution; statistics: how the intervals and ties in the artefacts were made.
+    """
     events, crossings, recordings = (artefacts.read(work, n) for n in ("events", "crossings", "recordings"))
     losses = artefacts.read(work, "losses", columns=[*_KEY, "loss_av", "loss_hv", "loss_total"])
     pages, matrix = artefacts.read(work, "event_pages"), artefacts.read(work, "validation_matrix")
     studies = StudyTables(**{name: artefacts.read(work, name) for name in StudyTables.__dataclass_fields__})
     calibration = _calibration(work, raw=raw)
     plans = artefacts.read(work, "plans", columns=[*_KEY, "status"])
-    yield "index.html", index_page(IndexTables(events, crossings, plans, losses, matrix, pages), raw=raw)
+    run = RunTables(
+        recordings=recordings,
+        crossings=crossings,
+        events=events,
+        losses=losses,
+        matrix=matrix,
+        worse=studies.worse_for_somebody,
+        leave_one_out=studies.leave_one_out,
+        confidence=statistics.confidence,
+        tie_band=statistics.tie_band,
+    )
+    index = IndexTables(events, crossings, plans, losses, matrix, pages)
+    yield "index.html", index_page(index, raw=raw, says=run_in_short(run))
     yield (
         "summary.html",
         summary_page(
@@ -52,7 +69,8 @@ def overview_pages(work: Path, *, raw: bool) -> Iterator[tuple[str, str]]:
                 pareto=studies.pareto,
                 pareto_summary=studies.pareto_summary,
                 pages=pages,
-            )
+            ),
+            run_says(run),
         ),
     )
     yield "matrix.html", matrix_page(matrix)

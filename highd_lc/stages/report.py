@@ -9,10 +9,12 @@ import pandas as pd
 
 from highd_lc.io import artefacts, atomic
 from highd_lc.io.scenes import load_scenes
+from highd_lc.reporting.crosslinks import TO_SCENARIOS
 from highd_lc.reporting.event import PAIRS, EventReport
 from highd_lc.reporting.figures_event import VECTOR_FORMATS, EventPainter, event_vector
 from highd_lc.reporting.pages_event import Links, event_page
 from highd_lc.reporting.pages_index import SPARK_SECONDS
+from highd_lc.stages.crosslinks import has_scenarios, link_to_report
 from highd_lc.stages.event_report import RecordingTables, event_report, read_tables
 from highd_lc.stages.overview_pages import overview_pages
 from highd_lc.vocab import names
@@ -41,16 +43,18 @@ def choose(
     ones, or a format is another.
     """
     _check_formats(vector)
-    known = artefacts.read(work, "events", columns=["event_id"])["event_id"]
+    of_event = artefacts.read(work, "events", columns=["event_id", "recording_id"])
+    known = of_event["event_id"]
     unknown = sorted(set(events) - set(known))
     if unknown:
         raise UsageError(f"event {unknown[0]!r}: not among the {len(known)} usable events of {work}")
     wanted = frozenset(events) if events else None
+    recordings = frozenset(of_event.loc[known.isin(events), "recording_id"].tolist()) if events else None
     if settings.png == "none":
-        return ReportRequest(reports, wanted, frozenset())
+        return ReportRequest(reports, wanted, frozenset(), recordings=recordings)
     every = settings.png == "all" or (settings.png == "auto" and len(known) <= _MOST_AUTOMATIC)
     pictures = wanted if events else None if every else top_events(work, settings.top)
-    return ReportRequest(reports, wanted, pictures, vector)
+    return ReportRequest(reports, wanted, pictures, vector, recordings)
 
 
 def _check_formats(vector: tuple[str, ...]) -> None:
@@ -153,19 +157,27 @@ def _spark(report: EventReport, policy: str) -> list[float]:
 def combine(combination: Combination, *, request: ReportRequest) -> JobReport:
     """Make the index and the overview pages from the finished artefacts of the whole run.
 
-    Pages of single events leave them as they are.
+    Pages of single events leave them as they are. Scenarios beside the report are linked, there and back.
     """
     if request.events is not None:
         return JobReport()
     work, raw = combination.work, combination.settings.report.raw
+    statistics = combination.settings.validation.statistics
     artefacts.concatenate(work, STAGE, "event_pages", combination.recordings, combination.provenance)
-    pages = dict(overview_pages(work, raw=raw))
+    pages = {name: page.encode("utf-8") for name, page in overview_pages(work, raw=raw, statistics=statistics)}
+    scenarios = has_scenarios(request.reports)
     for name, page in pages.items():
-        _write(request.reports / name, page.encode("utf-8"))
+        _write(request.reports / name, TO_SCENARIOS.opened(page) if scenarios else page)
+    link_to_report(request.reports)
     _remove_stale(
         request.reports / "events", set(artefacts.read(work, "events", columns=["event_id"])["event_id"])
     )
     return JobReport({"overview_pages": len(pages)})
+
+
+def neighbours(reports: Path) -> list[str]:
+    """What the overview pages depend on beside artefacts: whether there are scenarios to link."""
+    return ["scenarios"] if has_scenarios(reports) else []
 
 
 def _remove_stale(folder: Path, events: set[str]) -> None:

@@ -11,6 +11,7 @@ from highd_lc.algorithms.scenario_cells import rows_of_sweep
 from highd_lc.io import artefacts, workspace
 from highd_lc.io.settings import digest
 from highd_lc.reporting.labels import RECORDED
+from highd_lc.stages.crosslinks import link_to_scenarios
 from highd_lc.stages.scenario_frames import Given, default_plans, frame, scenario_frames, story_of, wave_columns
 from highd_lc.stages.scenario_pages import write_pages
 from highd_lc.stages.scenario_recordings import (
@@ -45,6 +46,7 @@ def run(
 ) -> ScenarioReport:
     """Plan and drive the scenarios; write tables (parquet), figures (PNG) and pages below ``out``.
 
+    A report in the folder above, if ``out`` is its folder for the scenarios, is given the link to them.
     sweep: also every combination of the options in the settings' section ``sweep``. work: artefacts of
     recordings, for the fitted drivers and a real lane change; left out where it holds none. threads: over the
     variants; results do not depend on their number.
@@ -63,6 +65,7 @@ def run(
     for name, table in frames.items():
         artefacts.write(out / f"{name}.parquet", artefacts.to_arrow(name, table, provenance))
     write_pages(out, frames, stories=stories, settings=settings, change=change)
+    link_to_scenarios(out)
     return ScenarioReport(frames, out / "index.html", skipped)
 
 

@@ -67,12 +67,18 @@ class ReportRequest:
 
     reports: folder to write to. events: ids of the events that get a page; None = all, and the overview pages.
     pictures: ids of the events that get a PNG; None = all. vector: further formats of the pictures, "pdf", "svg".
+    recordings: those that hold such an event; None = all, and no other is to be touched.
     """
 
     reports: Path
     events: frozenset[str] | None = None
     pictures: frozenset[str] | None = None
     vector: tuple[str, ...] = ()
+    recordings: frozenset[int] | None = None
+
+    def leaves_alone(self, recording: int) -> bool:
+        """Whether no event of the recording gets a page."""
+        return self.recordings is not None and recording not in self.recordings
 
 
 @dataclass(frozen=True)

@@ -140,6 +140,25 @@ def test_what_a_page_draws_is_what_the_tables_were_made_from(work, made):
         assert follower_loss(play, row.follower_weights, 150) == pytest.approx(row.loss_hv, rel=0.05)
 
 
+def test_what_the_summary_says_is_what_the_tables_hold(work, made):
+    page = re.sub(r"<[^>]+>", " ", (made / "summary.html").read_text(encoding="utf-8").replace("\u00a0", " "))
+    matrix = pd.read_parquet(work / "validation_matrix.parquet").query("stratum == 'all'")
+    losses = pd.read_parquet(work / "losses.parquet").query("accounting == 'equal'")
+    pairs = {"fixed": ("local_optimum", "benchmark"), "free": ("local_optimum_free", "benchmark_free")}
+    wide = losses.pivot_table(index="event_id", columns="policy", values="loss_total")
+    for form, (local, benchmark) in pairs.items():
+        both = wide[[local, benchmark]].dropna()
+        gain = 1 - both[local].sum() / both[benchmark].sum()
+        row = matrix.query(f"form == '{form}' and accounting == 'equal'").iloc[0]
+        assert gain == pytest.approx(row["gain"])
+        words = "less" if gain > 0 else "more"
+        assert f"{100 * abs(gain):.2f} % {words} total loss than the benchmark" in page
+        better = (both[local] < both[benchmark] * 0.999).mean()
+        assert f"Of {len(both)} events the local optimum is better in {100 * better:.1f} %" in page
+    crossings = pd.read_parquet(work / "crossings.parquet")
+    assert f"{len(RECORDINGS)} recordings with {len(crossings)} lane-id changes" in page
+
+
 def test_surface_and_plan_agree(work, made):
     for event_id in events(work):
         data = payload(made / "events" / f"{event_id}.html")

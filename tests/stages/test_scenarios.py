@@ -7,6 +7,7 @@ import pytest
 
 from highd_lc.io import artefacts
 from highd_lc.io import settings as settings_file
+from highd_lc.reporting.crosslinks import TO_SCENARIOS
 from highd_lc.stages import scenarios
 from highd_lc.vocab.scenario_tables import SCENARIO_TABLES
 from highd_lc.vocab.scenarios import ScenarioSettings
@@ -102,10 +103,15 @@ def test_ledger_agrees_with_the_cells(made):
     assert ledger.loc["1:local_optimum:ttt_difference_s", "ours"] == row["ttt_difference_s"]
 
 
-def test_the_same_run_gives_the_same_tables(made, tmp_path):
-    again = scenarios.run(small(), tmp_path, sweep=True, threads=1)
+def test_the_same_run_gives_the_same_tables_and_links_a_report_above(made, tmp_path):
+    (tmp_path / "index.html").write_text(f"<nav>{TO_SCENARIOS.room}</nav>")
+    again = scenarios.run(small(), tmp_path / "scenarios", sweep=True, threads=1)
     for name, frame in made.frames.items():
         pd.testing.assert_frame_equal(frame, again.frames[name])
+    assert (tmp_path / "index.html").read_text() == f"<nav>{TO_SCENARIOS.link}</nav>"
+    for page in ("index.html", "ledger.html"):
+        assert 'href="../index.html"' in (tmp_path / "scenarios" / page).read_text(encoding="utf-8")
+        assert 'href="../index.html"' not in (made.page.parent / page).read_text(encoding="utf-8")
 
 
 def test_markdown_ledger_holds_the_claims(made):

@@ -1,0 +1,346 @@
+"""What a run says, in plain words: every number is looked up in the tables, and every sentence follows from it.
+
+The voice is the same whatever the numbers are: better, worse and undecided are told alike, and what is not known
+is said with the reason.
+"""
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any, Final
+
+import pandas as pd
+
+from highd_lc.reporting import html, labels
+from highd_lc.reporting.event import PAIRS
+from highd_lc.reporting.figures_population import ALL
+from highd_lc.vocab import names
+from highd_lc.vocab.study_tables import TOGETHER
+
+Said = tuple[str, tuple[str, ...]]
+"""A heading of few words, and the paragraphs below it."""
+
+FEW_RECORDINGS: Final = 10
+"""Below this many, a bootstrap over recordings has too few of them to draw from for its interval to be trusted."""
+FEW_EVENTS: Final = 30
+"""Below this many, single events can carry a result."""
+
+_COMPARED: Final = (
+    "Two plans for the same lane change: the benchmark makes the AV's own loss as low as it can (self-optimum); "
+    "the local optimum does so with the mean of the AV's and the followers' losses. A loss adds up jerk and the "
+    "difference from a reference speed.",
+    "A plan ends at the speed at which it starts (fixed) or at any (free); with a chosen start the AV may also "
+    "wait and choose the gap. Unless said otherwise, AV and followers are charged over the same time (accounting "
+    "“equal”).",
+)
+_LIMITS: Final = (
+    "Nobody drove these plans. The followers are simulated by car-following models, fitted where possible to how "
+    "each drove before the lane change; they do not look ahead and never change lane, and the vehicles ahead do "
+    "not react to the AV.",
+    "Whether real drivers would answer in the same way, these numbers cannot say, nor what a plan means for risk "
+    "or for traffic beyond the few vehicles that are simulated.",
+)
+
+
+@dataclass(frozen=True)
+class RunTables:
+    """What is put into words: artefacts of a whole run (matrix: ``validation_matrix``, worse:
+    ``worse_for_somebody``), the coverage of its intervals, and the relative difference that counts as a tie.
+    """
+
+    recordings: pd.DataFrame
+    crossings: pd.DataFrame
+    events: pd.DataFrame
+    losses: pd.DataFrame
+    matrix: pd.DataFrame
+    worse: pd.DataFrame
+    leave_one_out: pd.DataFrame
+    confidence: float
+    tie_band: float
+
+
+def run_says(run: RunTables) -> list[Said]:
+    """What the run says, heading by heading, from what went in to what it cannot say."""
+    said = [(title, tuple(map(_unbroken, texts))) for title, texts in _headings(run)]
+    return [(title, texts) for title, texts in said if texts]
+
+
+def _headings(run: RunTables) -> Iterator[tuple[str, Iterable[str]]]:
+    forms = _planned(run)
+    yield "What went in", [_went_in(run)]
+    if not forms:
+        yield "What comes out", [_nothing_said(run)]
+        return
+    yield "What is compared", _COMPARED
+    yield from ((labels.FORMS[form], _of_form(run, form)) for form in forms)
+    yield "Not planned", _not_planned(run)
+    yield "What the accounting changes", _accountings(run)
+    yield "Other places", [_locations(run)]
+    yield "What was filmed", [_observed(run)]
+    yield "Caution", _cautions(run, forms)
+    yield "What it cannot say", _LIMITS
+
+
+def _unbroken(text: str) -> str:
+    """With no line break between a number and its percent sign."""
+    return text.replace(" %", "\u00a0%")
+
+
+def run_in_short(run: RunTables) -> str:
+    """The same in a few sentences: the first form that was planned, under two accountings, and the cautions."""
+    if not _planned(run):
+        return _nothing_said(run)
+    form = _planned(run)[0]
+    text = f"{labels.FORMS[form]}, accounting “equal”: {_lower(_gain(run, form))}"
+    paper = f"Under “paper”: {_against_paper(run, form)}."
+    return _unbroken(" ".join([text, paper, *_cautions(run, [form])]))
+
+
+def _planned(run: RunTables) -> list[str]:
+    """The forms that have a row in the matrix, the primary one first; none without events."""
+    forms = [] if run.events.empty else PAIRS
+    return [form for form in forms if _cell(run, form, names.EQUAL) is not None]
+
+
+def _cell(run: RunTables, form: str, accounting: str) -> Any:
+    """The row of the matrix over all events; None if the form was not planned."""
+    matrix = run.matrix
+    chosen = matrix[(matrix["stratum"] == ALL) & (matrix["form"] == form) & (matrix["accounting"] == accounting)]
+    return next(chosen.itertuples(index=False), None)
+
+
+def _solved(cell: Any) -> int:
+    return int(cell.n_events - cell.infeasible)
+
+
+def _count(n: int, word: str) -> str:
+    return f"{n} {word}{'s' * (n != 1)}"
+
+
+def _lower(text: str) -> str:
+    return text[:1].lower() + text[1:]
+
+
+def _went_in(run: RunTables) -> str:
+    read = _count(run.recordings["recording_id"].nunique(), "recording")
+    found = _count(len(run.crossings), "lane-id change")
+    if run.events.empty:
+        return f"Read: {read} with {found}; none of these is a usable lane change{_commonest(run)}."
+    used = _count(run.events["recording_id"].nunique(), "recording")
+    left = len(run.crossings) - len(run.events)
+    usable = f"{len(run.events)} of these can be used as events, from {used}; {left} cannot{_commonest(run)}"
+    return f"Read: {read} with {found}. {usable}."
+
+
+def _commonest(run: RunTables) -> str:
+    """The reason that excludes most lane-id changes, as the end of a sentence."""
+    reasons = run.crossings.loc[~run.crossings["usable"].astype(bool), "reason"].value_counts()
+    if reasons.empty:
+        return ""
+    return f", most often because {labels.REASONS[reasons.index[0]]} ({reasons.iloc[0]})"
+
+
+def _nothing_said(run: RunTables) -> str:
+    if not run.events.empty:
+        why = "no plans were made in this run"
+    elif run.crossings.empty:
+        why = "no lane-id change was found"
+    else:
+        why = f"not one of {_count(len(run.crossings), 'lane-id change')} can be used"
+    return f"Nothing can be said of the local optimum: {why}."
+
+
+def _of_form(run: RunTables, form: str) -> Iterator[str]:
+    cell = _cell(run, form, names.EQUAL)
+    yield f"{_sample(run, cell)}{_gain(run, form)}"
+    if _solved(cell):
+        yield f"{_shares(run, cell)} {_infeasible(cell)}"
+        yield f"{_sides(cell)} {_followers(run, form)}"
+
+
+def _sample(run: RunTables, cell: Any) -> str:
+    """Which events, where they are not all: a start is chosen for a sample of them."""
+    if cell.n_events == len(run.events):
+        return ""
+    return f"Planned for a sample of {cell.n_events} of the {_count(len(run.events), 'event')}. "
+
+
+def _infeasible(cell: Any) -> str:
+    if not cell.infeasible:
+        return "Every event has a feasible plan of both policies."
+    has, is_ = ("has", "is") if cell.infeasible == 1 else ("have", "are")
+    return f"{_count(int(cell.infeasible), 'event')} {has} no feasible plan of both policies and {is_} left out."
+
+
+def _gain(run: RunTables, form: str) -> str:
+    """A sentence on the gain under the primary accounting with its interval, and whether that excludes zero."""
+    cell = _cell(run, form, names.EQUAL)
+    if html.is_missing(cell.gain):
+        return f"No gain can be given: {_no_plan(cell)}."
+    interval = _interval(run, form, names.EQUAL)
+    text = f"The local optimum has {_change(cell.gain)} total loss than the benchmark ({interval})."
+    return text if html.is_missing(cell.gain_low) else f"{text} {_verdict(cell)}"
+
+
+def _no_plan(cell: Any) -> str:
+    return f"none of {_count(int(cell.n_events), 'event')} has a feasible plan of both policies"
+
+
+def _interval(run: RunTables, form: str, accounting: str) -> str:
+    cell = _cell(run, form, accounting)
+    if html.is_missing(cell.gain_low) or html.is_missing(cell.gain_high):
+        used = _count(_recordings_used(run, form, accounting), "recording")
+        return f"no interval, because that takes two recordings or more and the plans are of {used}"
+    interval = f"{100.0 * run.confidence:g} % interval {_range(cell.gain_low, cell.gain_high)}"
+    return f"{interval}, from {_recordings_used(run, form, accounting)} recordings"
+
+
+def _verdict(cell: Any) -> str:
+    if cell.gain_low <= 0.0 <= cell.gain_high:
+        return "The interval includes zero: this run does not tell which of the two has the lower loss."
+    lower = "local optimum" if cell.gain_low > 0.0 else "benchmark"
+    return f"The interval excludes zero: in this run the {lower} has the lower loss."
+
+
+def _change(gain: float, less: str = "less", more: str = "more") -> str:
+    """A gain in words: "0.50 % less"."""
+    if gain == 0.0:
+        return f"no {less} and no {more}"
+    return f"{_amount(gain)} % {less if gain > 0.0 else more}"
+
+
+def _amount(share: float, digits: int = 2) -> str:
+    """Its size in percent; what rounds to nothing without being nothing is said to be small, not 0."""
+    size, least = 100.0 * abs(share), 0.1**digits
+    return f"under {html.number(least, digits)}" if 0.0 < size < least / 2.0 else html.number(size, digits)
+
+
+def _range(low: float, high: float) -> str:
+    """From one gain to another: "0.31 to 0.72 % less", or from more to less where zero lies between them."""
+    if low < 0.0 < high:
+        return f"{_change(low)} to {_change(high)}"
+    first, last = sorted((low, high), key=abs)
+    return f"{_amount(first)} to {_change(last)}"
+
+
+def _shares(run: RunTables, cell: Any) -> str:
+    tied = round(1.0 - cell.share_better - cell.share_worse, 12)  # nothing left is nothing, not a rest of digits
+    better, worse, same = (f"{_amount(share, 1)} %" for share in (cell.share_better, cell.share_worse, tied))
+    return (
+        f"Of {_count(_solved(cell), 'event')} the local optimum is better in {better}, worse in {worse}, and "
+        f"within {_band(run)} of the benchmark in {same}."
+    )
+
+
+def _band(run: RunTables) -> str:
+    return f"{100.0 * run.tie_band:g} %"
+
+
+_PARTIES: Final = {
+    (False, True): ": the AV pays, the followers gain",
+    (True, False): ": the AV gains, the followers pay",
+    (True, True): ": both gain",
+    (False, False): ": both pay",
+}
+
+
+def _sides(cell: Any) -> str:
+    """Who pays and who gains."""
+    av, hv = cell.gain_av, cell.gain_hv
+    if html.is_missing(av) or html.is_missing(hv):
+        return "Who pays cannot be said: one side has no loss under the benchmark to compare with."
+    parties = _PARTIES[av > 0.0, hv > 0.0] if av and hv else ""
+    lower = "The AV's loss is {}, the followers' together {}{}."
+    return lower.format(*(_change(side, "lower", "higher") for side in (av, hv)), parties)
+
+
+def _followers(run: RunTables, form: str) -> str:
+    """In how many events a single follower loses, though all of them together may gain."""
+    rows = run.worse[(run.worse["form"] == form) & (run.worse["accounting"] == names.EQUAL)]
+    rows = rows[rows["who"] != TOGETHER]
+    if rows.empty:
+        return f"No single follower loses more than {_band(run)} in any event."
+    lost, most = _count(rows["event_id"].nunique(), "event"), html.percent(rows["increase"].max())
+    return f"In {lost} a single follower loses more than {_band(run)}, the worst off {most}."
+
+
+def _not_planned(run: RunTables) -> Iterator[str]:
+    missing = [labels.FORMS[form] for form in PAIRS if form not in _planned(run)]
+    if missing:
+        yield f"{'; '.join(missing)}: this run made no such plans, so that nothing is said of them."
+
+
+def _accountings(run: RunTables) -> Iterator[str]:
+    yield (
+        "Under “paper” both sides are charged only until the manoeuvre ends, so that a shorter one is charged for "
+        "less time; plans are made anew under each accounting. The local optimum then has:"
+    )
+    yield from (f"{labels.FORMS[form]}: {_against_paper(run, form)}." for form in _planned(run))
+
+
+def _against_paper(run: RunTables, form: str) -> str:
+    """The gain under “paper”, and how far that is from the one under “equal”."""
+    paper, equal = (_cell(run, form, accounting) for accounting in (names.PAPER, names.EQUAL))
+    if paper is None:
+        return "no gain that is known, because the tables hold no such row"
+    if html.is_missing(paper.gain):
+        return f"no gain that can be given, because {_no_plan(paper)}"
+    text = f"{_change(paper.gain)} total loss ({_interval(run, form, names.PAPER)})"
+    return text if html.is_missing(equal.gain) else f"{text}, {_points(paper.gain, equal.gain)}"
+
+
+def _points(paper: float, equal: float) -> str:
+    points = 100.0 * (paper - equal)
+    turned = ", with the other sign" if paper * equal < 0.0 else ""
+    more = "more" if points >= 0.0 else "less"
+    return f"{html.number(abs(points), 2)} percentage points {more} gain than under “equal”{turned}"
+
+
+def _locations(run: RunTables) -> str:
+    """Whether a single site carries the result of the first form."""
+    table, form = run.leave_one_out, _planned(run)[0]
+    rows = table[(table["form"] == form) & (table["accounting"] == names.EQUAL)]
+    gains = rows["gain"].dropna()
+    if len(rows) == 1:
+        return "All events are of one location: whether another would say the same is not known."
+    if gains.empty:
+        return "Whether one location carries the result is not known: no gain is left without it."
+    text = f"{labels.FORMS[form]}, leaving out one of {len(rows)} locations after the other:"
+    return f"{text} {_range(gains.min(), gains.max())} total loss."
+
+
+def _observed(run: RunTables) -> str:
+    cell = _cell(run, _planned(run)[0], names.EQUAL)
+    share = getattr(cell, "share_observed", None)
+    if share is None or html.is_missing(share):
+        return "The filmed share of the charged follower-seconds is not available: the tables do not hold it."
+    return (
+        f"{html.percent(share, 1)} of the follower-seconds charged (counted for the human's lane change). "
+        "In the others the follower had left the view: there is no recording to compare the simulation with."
+    )
+
+
+def _recordings_used(run: RunTables, form: str, accounting: str) -> int:
+    """How many recordings the bootstrap draws from: those with an event that both policies have a plan for."""
+    rows = run.losses[(run.losses["accounting"] == accounting) & run.losses["policy"].isin(PAIRS[form])]
+    plans = rows.dropna(subset="loss_total").groupby("event_id")["policy"].nunique()
+    both = plans.index[plans == 2]
+    return int(run.events.loc[run.events["event_id"].isin(both), "recording_id"].nunique())
+
+
+def _cautions(run: RunTables, forms: Sequence[str]) -> Iterator[str]:
+    """What the reader should not lean on: few recordings, few events."""
+    used = [_recordings_used(run, form, names.EQUAL) for form in forms]
+    if min(used) < FEW_RECORDINGS:
+        here = " to ".join(str(n) for n in sorted({min(used), max(used)}))
+        yield (
+            f"The intervals come from drawing recordings anew; with fewer than {FEW_RECORDINGS} to draw from "
+            f"(here {here}) they tend to be too narrow."
+        )
+    yield from (text for form in forms for text in _few_events(run, form))
+
+
+def _few_events(run: RunTables, form: str) -> Iterator[str]:
+    solved = _solved(_cell(run, form, names.EQUAL))
+    if 0 < solved < FEW_EVENTS:
+        rests = f"{labels.FORMS[form]}: the result rests on {_count(solved, 'event')}"
+        yield f"{rests}, and a single one can carry it."

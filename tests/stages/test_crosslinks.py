@@ -1,0 +1,100 @@
+"""Report and scenarios lead to each other, whichever was made first; nothing leads to what is not there."""
+
+import io
+import re
+import shutil
+from pathlib import Path
+
+import pytest
+from rich.console import Console
+
+from highd_lc import engine
+from highd_lc.reporting.html import PAGES
+from highd_lc.reporting.pages_scenarios import PAGES as SCENARIO_PAGES
+from highd_lc.reporting.pages_scenarios import scenario_page
+from highd_lc.stages.crosslinks import link_to_scenarios
+from highd_lc.vocab.job import Options
+
+
+def links(page: Path) -> set[str]:
+    return set(re.findall(r' href="(?!data:)([^"#]+)', page.read_text(encoding="utf-8")))
+
+
+def dead(reports: Path) -> list[tuple[str, str]]:
+    pages = reports.rglob("*.html")
+    return [(page.name, link) for page in pages for link in links(page) if not (page.parent / link).is_file()]
+
+
+def make_scenarios(reports: Path) -> None:
+    """What the scenarios' stage leaves beside a report, without what it simulates."""
+    folder = reports / "scenarios"
+    folder.mkdir(parents=True, exist_ok=True)
+    back = (reports / "index.html").is_file()
+    for name, title in SCENARIO_PAGES:
+        (folder / name).write_text(scenario_page(name, title, [], lead=[], back=back), encoding="utf-8")
+    link_to_scenarios(folder)
+
+
+@pytest.fixture
+def make_report(pipeline_run, tmp_path):
+    """Bring a copy of a finished run up to date, into its folder of reports."""
+    shutil.copytree(pipeline_run.work, tmp_path / "work")
+    options = Options(pipeline_run.data, tmp_path / "work", tmp_path / "reports", workers=1)
+
+    def make() -> Path:
+        engine.run(pipeline_run.settings, options, last="report", console=Console(file=io.StringIO()))
+        return options.reports
+
+    return make
+
+
+def every_page_is_linked(reports: Path) -> bool:
+    there = all("scenarios/index.html" in links(reports / name) for name, _ in PAGES)
+    return there and all("../index.html" in links(reports / "scenarios" / name) for name, _ in SCENARIO_PAGES)
+
+
+def contents(reports: Path) -> dict[str, bytes]:
+    return {str(p.relative_to(reports)): p.read_bytes() for p in reports.rglob("*.html")}
+
+
+def test_the_order_of_report_and_scenarios_does_not_matter(pipeline_run, make_report, tmp_path):
+    shutil.copytree(pipeline_run.reports, tmp_path / "reports")
+    reports = make_report()
+    alone = contents(reports)
+    assert not any("scenarios/index.html" in links(reports / name) for name, _ in PAGES)
+    make_scenarios(reports)
+    assert every_page_is_linked(reports)
+    scenarios_last = contents(reports)
+
+    shutil.rmtree(reports / "scenarios")
+    assert contents(make_report()) == alone
+    for name, _ in PAGES:
+        (reports / name).unlink()
+    make_scenarios(reports)
+    assert dead(reports / "scenarios") == []
+    assert every_page_is_linked(make_report())
+    assert contents(reports) == scenarios_last
+    assert dead(reports) == []
+
+
+def test_scenarios_that_come_and_go_cost_no_page_of_an_event(pipeline_run, make_report, tmp_path):
+    shutil.copytree(pipeline_run.reports, tmp_path / "reports")
+    reports = make_report()
+    before = {path: path.stat().st_mtime_ns for path in (reports / "events").iterdir()}
+    folder = reports / "scenarios"
+    folder.mkdir()
+    (folder / "index.html").write_text("made by hand, knows nothing of the report")
+    assert "scenarios/index.html" in links(make_report() / "summary.html")
+    shutil.rmtree(folder)
+    assert "scenarios/index.html" not in links(make_report() / "summary.html")
+    assert {path: path.stat().st_mtime_ns for path in (reports / "events").iterdir()} == before
+
+
+def test_scenarios_elsewhere_leave_what_lies_above_alone(tmp_path):
+    page = scenario_page("index.html", "A page", [], lead=[], back=False)
+    (tmp_path / "index.html").write_text("<!-- room for scenarios/index.html -->")
+    (tmp_path / "elsewhere").mkdir()
+    (tmp_path / "elsewhere" / "index.html").write_text(page)
+    link_to_scenarios(tmp_path / "elsewhere")
+    assert links(tmp_path / "index.html") == set()
+    assert dead(tmp_path) == [("index.html", "ledger.html")]
