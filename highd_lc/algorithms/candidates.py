@@ -78,15 +78,19 @@ def evaluate(n: IntArray, delta: FloatArray, change: FloatArray, scene: PackedSc
     n: samples of each row's duration (T = n dt), shape (rows,), each below len(scene.target_v). delta:
     x_final - v0 T [m], change: v_end - v0 [m/s], shape (rows, candidates).
     """
-    shape = delta.shape
-    av_T, av_H, hv_T, hv_H = (np.empty(shape) for _ in range(4))
-    outcomes = Outcomes(av_T, av_H, hv_T, hv_H, np.empty(shape, np.int64), np.empty(shape, np.int64))
-    _evaluate(n, delta, change, scene, terms, outcomes)
+    outcomes = new_outcomes(delta.shape)
+    evaluate_into(n, delta, change, scene, terms, outcomes)
     return outcomes
 
 
+def new_outcomes(shape: tuple[int, ...]) -> Outcomes:
+    """Room for the outcomes of candidates in an array of that shape."""
+    av_T, av_H, hv_T, hv_H = (np.empty(shape) for _ in range(4))
+    return Outcomes(av_T, av_H, hv_T, hv_H, np.empty(shape, np.int64), np.empty(shape, np.int64))
+
+
 @njit(cache=True, nogil=True)
-def _evaluate(
+def evaluate_into(
     n: IntArray,
     delta: FloatArray,
     change: FloatArray,
@@ -94,6 +98,7 @@ def _evaluate(
     terms: LossTerms,
     out: Outcomes,
 ) -> None:
+    """Fill the outcomes of candidates (see ``evaluate``)."""
     samples = len(scene.target_v)
     av_front, av_v = np.empty(samples * LANES), np.empty(samples * LANES)
     ahead_front, ahead_v = np.empty(samples * LANES), np.empty(samples * LANES)

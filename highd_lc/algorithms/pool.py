@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -111,8 +112,7 @@ class Pool:
         return index if np.isfinite(objective[index]) else None
 
 
-@dataclass(frozen=True)
-class Before:
+class Before(NamedTuple):
     """What a manoeuvre that starts later inherits: losses of the AV and the followers charged before its start.
 
     hv_passed: loss charged to the followers ahead of the gap, over 0 .. k of the manoeuvre's samples, shape
@@ -123,6 +123,10 @@ class Before:
     hv: float
     hv_passed: FloatArray
     latest: int
+
+
+NOTHING_BEFORE: Final = Before(0.0, 0.0, np.zeros(1), 0)
+"""For kernels that take a manoeuvre which starts at once."""
 
 
 @dataclass(frozen=True)

@@ -5,15 +5,20 @@ that shrinks alike in all directions gets stuck on their walls. So after every l
 spread of its best candidates, and narrows across the valley before it narrows along.
 """
 
+import math
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
-from highd_lc.algorithms.contacts import LANES
-from highd_lc.algorithms.dynamics import forward_interval
-from highd_lc.algorithms.pool import Goal, Pool, Task
+from highd_lc.algorithms.candidates import LossTerms, Outcomes, evaluate_into, new_outcomes
+from highd_lc.algorithms.contacts import LANES, NO_CONTACT
+from highd_lc.algorithms.dynamics import Limits, forward_interval, violation
+from highd_lc.algorithms.packing import PackedScene
+from highd_lc.algorithms.pool import NOTHING_BEFORE, OVERTAKES, Before, Goal, Pool, Task
+from highd_lc.vocab import names
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -24,48 +29,6 @@ _SPREAD: Final = 1.8
 """Half-width of a frame over the root mean square of that spread; sqrt(3) would keep an even one as it is."""
 _NARROWEST, _WIDEST = 0.3, 0.8
 """Bounds of a frame's next width over its width."""
-
-
-@dataclass(frozen=True)
-class Starts:
-    """S starts. n: durations [samples]; goal: index of each one's goal, both of shape (S,).
-
-    centre, shape (S, 2): bend [m] and change [m/s] (see ``basins``). frame, shape (S, 2, 2): columns = half-axes.
-    """
-
-    n: IntArray
-    goal: IntArray
-    centre: FloatArray
-    frame: FloatArray
-
-
-def zoom(
-    task: Task, pool: Pool, goals: list[Goal], starts: Starts, *, levels: int, free: bool
-) -> tuple[Pool, IntArray]:
-    """The pool with ever finer candidates about the starts, and the index of the best one of each start.
-
-    -1 where no candidate of a start was feasible.
-    """
-    cloud = _SUNFLOWER if free else _LINE
-    every, half_T = np.arange(len(starts.n)), task.seconds(starts.n) / 2.0
-    centre, frame = starts.centre, starts.frame
-    value, best = np.full(len(every), np.inf), np.full(len(every), -1)
-    found, size = [], len(pool)
-    for _ in range(levels):
-        delta, change = _possible(task, starts.n, centre[:, None, :] + cloud @ frame.swapaxes(1, 2))
-        found.append(task.simulate(starts.n, delta, change))
-        objective = _of_rows(found[-1], goals, starts.goal)
-        lowest = np.argmin(objective, axis=1)
-        better = objective[every, lowest] < value
-        value = np.where(better, objective[every, lowest], value)
-        best = np.where(better, size + every * LANES + lowest, best)
-        speed = change[every, lowest]
-        there = np.stack([delta[every, lowest] - speed * half_T, speed], axis=1)
-        centre = np.where(better[:, None], there, centre)
-        origin = np.where(better[:, None], cloud[lowest], 0.0)
-        frame = frame @ _narrowed(objective, origin) if free else frame * _LINE_SHRINK
-        size += delta.size
-    return pool.joined(*found), best
 
 
 def _sunflower() -> FloatArray:
@@ -81,29 +44,172 @@ _LINE_SHRINK: Final = 1.3 * 2.0 / (LANES - 1)
 """The next line reaches a step and a third of this one to either side."""
 
 
-def _possible(task: Task, n: IntArray, moved: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """delta and change of bends and changes (S, LANES, 2), moved into the interval of what is possible."""
-    T = task.seconds(n)[:, None]
-    change = np.clip(moved[:, :, 1], task.limit.v_min - task.scene.v0, task.limit.v_max - task.scene.v0)
-    low, high = forward_interval(T, change, task.scene.v0, task.limit)
-    return np.clip(moved[:, :, 0] + change * T / 2.0, low, np.maximum(high, low)), change
+@dataclass(frozen=True)
+class Starts:
+    """S starts. n: durations [samples]; goal: index of each one's goal, both of shape (S,).
 
-
-def _of_rows(pool: Pool, goals: list[Goal], goal_of: IntArray) -> FloatArray:
-    """Each start's candidates in its own goal's objective, shape (S, LANES)."""
-    every = np.stack([pool.objective(goal).reshape(-1, LANES) for goal in goals])
-    return every[goal_of, np.arange(len(goal_of))]
-
-
-def _narrowed(objective: FloatArray, origin: FloatArray) -> FloatArray:
-    """Axes of the next frames in units of the present ones, shape (S, 2, 2): the spread of the best candidates.
-
-    objective: (S, LANES); origin: the next centres in the present frames, (S, 2).
+    centre, shape (S, 2): bend [m] and change [m/s] (see ``basins``). frame, shape (S, 2, 2): columns = half-axes.
     """
-    elite = np.argsort(objective, axis=1, kind="stable")[:, :_ELITE]
-    finite = np.isfinite(np.take_along_axis(objective, elite, axis=1))
-    away = (_SUNFLOWER[elite] - origin[:, None, :]) * finite[:, :, None]
-    squares, axes = np.linalg.eigh(away.swapaxes(1, 2) @ away)
-    mean = np.maximum(squares, 0.0) / np.maximum(finite.sum(axis=1), 1)[:, None]
-    narrowed: FloatArray = axes * np.clip(_SPREAD * np.sqrt(mean), _NARROWEST, _WIDEST)[:, None, :]
-    return narrowed
+
+    n: IntArray
+    goal: IntArray
+    centre: FloatArray
+    frame: FloatArray
+
+
+@dataclass(frozen=True)
+class Clouds:
+    """What was simulated: delta, change, outcomes and violation codes of shape (levels, S, LANES)."""
+
+    delta: FloatArray
+    change: FloatArray
+    outcomes: Outcomes
+    codes: IntArray
+
+
+def zoom(
+    task: Task, pool: Pool, goals: list[Goal], starts: Starts, *, levels: int, free: bool
+) -> tuple[Pool, IntArray]:
+    """The pool with ever finer candidates about the starts, and the index of the best one of each start.
+
+    -1 where no candidate of a start was feasible.
+    """
+    clouds, best = follow_valleys(task, goals, starts, levels=levels, free=free)
+    found = Pool(
+        n=np.tile(np.repeat(starts.n, LANES), levels),
+        delta=clouds.delta.ravel(),
+        change=clouds.change.ravel(),
+        **{name: values.ravel() for name, values in clouds.outcomes._asdict().items()},
+        violation=clouds.codes.ravel(),
+    )
+    return pool.joined(found), np.where(best >= 0, best + len(pool), -1)
+
+
+def follow_valleys(
+    task: Task, goals: list[Goal], starts: Starts, *, levels: int, free: bool
+) -> tuple[Clouds, IntArray]:
+    """Simulate the clouds about the starts; the place of each start's best candidate among them, or -1."""
+    shape = (levels, len(starts.n), LANES)
+    clouds = Clouds(np.empty(shape), np.empty(shape), new_outcomes(shape), np.empty(shape, np.int64))
+    best = np.full(len(starts.n), -1)
+    asked = [goals[g] for g in starts.goal]
+    accounting = np.array([names.ACCOUNTINGS.index(goal.accounting) for goal in asked], np.int64)
+    omega = np.array([goal.omega_av for goal in asked])
+    _follow_valleys(
+        starts.n, accounting, omega, starts.centre.copy(), starts.frame.copy(), _SUNFLOWER if free else _LINE,
+        free, task.scene, task.terms, task.limit, task.before or NOTHING_BEFORE, task.before is not None,
+        clouds.delta, clouds.change, clouds.outcomes, clouds.codes, best,
+    )  # fmt: skip
+    return clouds, best
+
+
+_PAPER: Final = names.ACCOUNTINGS.index(names.PAPER)
+_EQUAL: Final = names.ACCOUNTINGS.index(names.EQUAL)
+_forward_interval: Any = njit(cache=True)(forward_interval)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _follow_valleys(
+    n: IntArray,
+    accounting: IntArray,
+    omega: FloatArray,
+    centre: FloatArray,
+    frame: FloatArray,
+    cloud: FloatArray,
+    free: bool,
+    scene: PackedScene,
+    terms: LossTerms,
+    limit: Limits,
+    before: Before,
+    starts_later: bool,
+    delta: FloatArray,
+    change: FloatArray,
+    outcomes: Outcomes,
+    codes: IntArray,
+    best: IntArray,
+) -> None:
+    """Fill delta .. best (see ``follow_valleys``); centre and frame move on with the levels."""
+    starts, value, row = len(n), np.full(len(n), np.inf), np.empty(LANES)
+    for level in range(len(delta)):
+        at = Outcomes(
+            outcomes.av_T[level], outcomes.av_H[level], outcomes.hv_T[level], outcomes.hv_H[level],
+            outcomes.contact[level], outcomes.role[level],
+        )  # fmt: skip
+        for s in range(starts):
+            _place_cloud(
+                n[s] * scene.dt, centre[s], frame[s], cloud, scene.v0, limit, delta[level, s], change[level, s]
+            )
+        evaluate_into(n, delta[level], change[level], scene, terms, at)
+        for s in range(starts):
+            T = n[s] * scene.dt
+            for w in range(LANES):
+                d, c = delta[level, s, w], change[level, s, w]
+                code = violation(T, d, c, scene.v0, scene.D, limit)
+                if starts_later:
+                    front = scene.length / 2.0 + scene.v0 * T + d
+                    code = OVERTAKES if code == 0 and front >= scene.target_front[n[s]] else code
+                    at.av_T[s, w] += before.av
+                    at.av_H[s, w] += before.av
+                    at.hv_T[s, w] += before.hv + before.hv_passed[n[s]]
+                    at.hv_H[s, w] += before.hv + before.hv_passed[-1]
+                codes[level, s, w] = code
+                own = at.av_H[s, w] if accounting[s] == _EQUAL else at.av_T[s, w]
+                others = at.hv_T[s, w] if accounting[s] == _PAPER else at.hv_H[s, w]
+                last = n[s] if accounting[s] == _PAPER else NO_CONTACT - 1
+                feasible = code == 0 and at.contact[s, w] > last
+                row[w] = omega[s] * own + (1.0 - omega[s]) * others if feasible else np.inf
+            lowest = np.argmin(row)
+            origin_0, origin_1 = 0.0, 0.0
+            if row[lowest] < value[s]:
+                value[s], best[s] = row[lowest], (level * starts + s) * LANES + lowest
+                centre[s, 1] = change[level, s, lowest]
+                centre[s, 0] = delta[level, s, lowest] - centre[s, 1] * T / 2.0
+                origin_0, origin_1 = cloud[lowest]
+            if free:
+                _narrow(row, cloud, origin_0, origin_1, frame[s])
+            else:
+                frame[s] *= _LINE_SHRINK
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _place_cloud(
+    T: float,
+    centre: FloatArray,
+    frame: FloatArray,
+    cloud: FloatArray,
+    v0: float,
+    limit: Limits,
+    delta: FloatArray,
+    change: FloatArray,
+) -> None:
+    """Fill delta and change of a start's candidates, moved into the interval of what is possible."""
+    for w in range(LANES):
+        bend = centre[0] + frame[0, 0] * cloud[w, 0] + frame[0, 1] * cloud[w, 1]
+        wanted = centre[1] + frame[1, 0] * cloud[w, 0] + frame[1, 1] * cloud[w, 1]
+        change[w] = min(max(wanted, limit.v_min - v0), limit.v_max - v0)
+        low, high = _forward_interval(T, change[w], v0, limit)
+        delta[w] = min(max(bend + change[w] * T / 2.0, low), max(high, low))
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _narrow(value: FloatArray, cloud: FloatArray, origin_0: float, origin_1: float, frame: FloatArray) -> None:
+    """Turn and narrow a frame to the spread of its best candidates about the next centre (in this frame)."""
+    count, xx, xy, yy = 0, 0.0, 0.0, 0.0
+    for w in np.argsort(value, kind="mergesort")[:_ELITE]:
+        if np.isfinite(value[w]):
+            x, y = cloud[w, 0] - origin_0, cloud[w, 1] - origin_1
+            count, xx, xy, yy = count + 1, xx + x * x, xy + x * y, yy + y * y
+    # Eigenvectors of a symmetric matrix of two rows: the spread along and across the valley.
+    angle, half = 0.5 * np.arctan2(2.0 * xy, xx - yy), np.hypot(0.5 * (xx - yy), xy)
+    middle, cos, sin = 0.5 * (xx + yy), np.cos(angle), np.sin(angle)
+    along = _next_width((middle + half) / max(count, 1))
+    across = _next_width((middle - half) / max(count, 1))
+    for i in range(2):
+        first, second = frame[i]
+        frame[i, 0] = across * (second * cos - first * sin)
+        frame[i, 1] = along * (first * cos + second * sin)
+
+
+@njit(inline="always")
+def _next_width(mean_square: float) -> float:
+    return min(max(_SPREAD * math.sqrt(max(mean_square, 0.0)), _NARROWEST), _WIDEST)
