@@ -22,6 +22,7 @@ from highd_lc.algorithms.contacts import (
 from highd_lc.algorithms.packing import PackedScene
 from highd_lc.core.lcm import lcm_acceleration
 from highd_lc.core.quintic import q_rate, q_shape, q_third, z_rate, z_shape, z_third
+from highd_lc.core.unaliased import UNALIASED
 from highd_lc.vocab.scene import Scene
 from highd_lc.vocab.settings import LossSettings
 
@@ -89,7 +90,7 @@ def new_outcomes(shape: tuple[int, ...]) -> Outcomes:
     return Outcomes(av_T, av_H, hv_T, hv_H, np.empty(shape, np.int64), np.empty(shape, np.int64))
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, **UNALIASED)
 def evaluate_into(
     n: IntArray,
     delta: FloatArray,
@@ -138,7 +139,7 @@ def evaluate_into(
                 out.contact[row, first + w], out.role[row, first + w] = contact[w], role[w]
 
 
-@njit(cache=True, nogil=True, fastmath={"contract", "arcp"}, error_model="numpy")
+@njit(cache=True, nogil=True, fastmath={"contract", "arcp"}, error_model="numpy", **UNALIASED)
 def _drive_av(
     n: int,
     state: FloatArray,
@@ -193,7 +194,7 @@ def _drive_av(
             front[k * LANES + w], speed[k * LANES + w] = x, v
 
 
-@njit(cache=True, nogil=True, fastmath={"contract", "arcp"}, error_model="numpy")
+@njit(cache=True, nogil=True, fastmath={"contract", "arcp"}, error_model="numpy", **UNALIASED)
 def _drive_follower(
     i: int,
     n: int,

@@ -13,6 +13,7 @@ from highd_lc.algorithms.packing import PackedScene
 from highd_lc.core.ellipse import ellipses_touch
 from highd_lc.core.lcm import lcm_acceleration
 from highd_lc.core.quintic import q_rate, z_rate, z_shape
+from highd_lc.core.unaliased import UNALIASED
 from highd_lc.vocab.lcm_parameters import TABLE3_MEANS
 
 FloatArray = NDArray[np.float64]
@@ -30,7 +31,7 @@ _STEP = 4.0
 Place = tuple[float, float, float, float]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", **UNALIASED)
 def lateral_motion(
     n: int, state: FloatArray, scene: PackedScene, y: FloatArray, vy: FloatArray, reach: FloatArray
 ) -> None:
@@ -77,7 +78,7 @@ def _course(vx: float, vy: float) -> tuple[float, float]:
     return vx / speed, vy / speed
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", **UNALIASED)
 def _record(
     k: int,
     w: int,
@@ -103,7 +104,7 @@ def _record(
         contact[w], role[w] = k, who
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", **UNALIASED)
 def meet_leaders(
     n: int,
     scene: PackedScene,
@@ -136,7 +137,7 @@ def meet_leaders(
                     _record(k, w, i, before, now, a2, b2, scene, contact, role)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", **UNALIASED)
 def _meet_behind(
     last: int,
     who: int,
@@ -174,7 +175,7 @@ def _meet_behind(
                 _record(k, w, who, before, now, a2, b2, scene, contact, role)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", **UNALIASED)
 def meet_follower(
     i: int,
     n: int,
@@ -207,7 +208,7 @@ def meet_follower(
     )
 
 
-@njit(cache=True, nogil=True, fastmath={"contract", "arcp"}, error_model="numpy")
+@njit(cache=True, nogil=True, fastmath={"contract", "arcp"}, error_model="numpy", **UNALIASED)
 def _drive_origin_follower(
     last: int,
     state: FloatArray,
@@ -231,7 +232,7 @@ def _drive_origin_follower(
             state[4 * LANES + w], state[5 * LANES + w] = x + v * scene.dt, v
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", **UNALIASED)
 def meet_origin_follower(
     n: int,
     state: FloatArray,

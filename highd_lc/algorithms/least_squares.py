@@ -28,6 +28,7 @@ from highd_lc.core.car_following_kernel import (
     evaluate_tile,
     new_scratch,
 )
+from highd_lc.core.unaliased import UNALIASED
 
 FloatArray = NDArray[np.float64]
 
@@ -44,7 +45,7 @@ _HESSIAN, _GRADIENT, _RESIDUAL, _DERIVATIVE = 0, 21, 27, 29
 _ROWS = 41
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", **UNALIASED)
 def _spread_candidates(problem: FitProblem, n: int, trial: FloatArray, candidates: FloatArray) -> None:
     """Candidates of n starts: the trial points, then for each parameter the points displaced in it."""
     for j in range(6):
@@ -56,7 +57,7 @@ def _spread_candidates(problem: FitProblem, n: int, trial: FloatArray, candidate
             candidates[j, (1 + j) * STARTS + s] += step if inside else -step
 
 
-@njit(cache=True, nogil=True, fastmath={"contract"}, error_model="numpy")
+@njit(cache=True, nogil=True, fastmath={"contract"}, error_model="numpy", **UNALIASED)
 def _accumulate(
     first: int, recorded: float, states: FloatArray, scales: FloatArray, inverse: FloatArray, normal: FloatArray
 ) -> None:
@@ -83,7 +84,7 @@ def _accumulate(
                 place += 1
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", **UNALIASED)
 def _linearise(
     problem: FitProblem,
     trial: FloatArray,
@@ -189,7 +190,7 @@ def _bounded_step(
             return
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", **UNALIASED)
 def _descend(
     problem: FitProblem,
     points: FloatArray,

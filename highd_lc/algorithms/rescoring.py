@@ -18,6 +18,7 @@ from highd_lc.algorithms.replay import AvMotion, Entry
 from highd_lc.core.idm import MOTORWAY, IdmParameters, idm_acceleration
 from highd_lc.core.lcm import lcm_acceleration
 from highd_lc.core.losses import cumulative_comfort, cumulative_efficiency
+from highd_lc.core.unaliased import UNALIASED
 from highd_lc.vocab.lcm_parameters import REPLAY_L_BOUNDS
 
 FloatArray = NDArray[np.float64]
@@ -106,7 +107,7 @@ def av_charged(av: AvMotion, terms: LossTerms) -> tuple[float, float]:
     return float(loss[av.n]), float(loss[-1])
 
 
-@njit(cache=True, nogil=True, fastmath={"contract", "arcp"}, error_model="numpy")
+@njit(cache=True, nogil=True, fastmath={"contract", "arcp"}, error_model="numpy", **UNALIASED)
 def _drive_lcm(
     av_front: FloatArray,
     av_v: FloatArray,

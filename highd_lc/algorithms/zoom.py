@@ -18,6 +18,7 @@ from highd_lc.algorithms.contacts import LANES, NO_CONTACT
 from highd_lc.algorithms.dynamics import Limits, forward_interval, violation
 from highd_lc.algorithms.packing import PackedScene
 from highd_lc.algorithms.pool import NOTHING_BEFORE, OVERTAKES, Before, Goal, Pool, Task
+from highd_lc.core.unaliased import UNALIASED
 from highd_lc.vocab import names
 
 FloatArray = NDArray[np.float64]
@@ -108,7 +109,7 @@ _EQUAL: Final = names.ACCOUNTINGS.index(names.EQUAL)
 _forward_interval: Any = njit(cache=True)(forward_interval)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", **UNALIASED)
 def _follow_valleys(
     n: IntArray,
     accounting: IntArray,
@@ -171,7 +172,7 @@ def _follow_valleys(
                 frame[s] *= _LINE_SHRINK
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", **UNALIASED)
 def _place_cloud(
     T: float,
     centre: FloatArray,
@@ -191,7 +192,7 @@ def _place_cloud(
         delta[w] = min(max(bend + change[w] * T / 2.0, low), max(high, low))
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", **UNALIASED)
 def _narrow(value: FloatArray, cloud: FloatArray, origin_0: float, origin_1: float, frame: FloatArray) -> None:
     """Turn and narrow a frame to the spread of its best candidates about the next centre (in this frame)."""
     count, xx, xy, yy = 0, 0.0, 0.0, 0.0

@@ -12,6 +12,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from highd_lc.core.exponential import vector_exp
+from highd_lc.core.unaliased import UNALIASED
 
 FloatArray = NDArray[np.float64]
 
@@ -57,7 +58,7 @@ def new_scratch(n_samples: int) -> tuple[FloatArray, FloatArray]:
     return np.empty(_SCRATCH_ROWS * LANES), np.empty(SIMULATED * (n_samples + 1) * LANES)
 
 
-@njit(cache=True, nogil=True, fastmath={"contract"}, error_model="numpy")
+@njit(cache=True, nogil=True, fastmath={"contract"}, error_model="numpy", **UNALIASED)
 def load_tile(parameters: FloatArray, first: int, width: int, scratch: FloatArray) -> None:
     """Put candidates first .. first + width of parameters (6, n) into the scratch, divisions done once."""
     for i in range(width):
@@ -90,7 +91,7 @@ def _command(
     return A * (1.0 - v * inverse_v_desire - vector_exp(exponent))
 
 
-@njit(cache=True, nogil=True, fastmath={"contract"}, error_model="numpy")
+@njit(cache=True, nogil=True, fastmath={"contract"}, error_model="numpy", **UNALIASED)
 def _delay_commands(k: int, width: int, scratch: FloatArray, states: FloatArray) -> None:
     """Accelerations acting at sample k: the commands of tau ago, linear between samples.
 
@@ -104,7 +105,7 @@ def _delay_commands(k: int, width: int, scratch: FloatArray, states: FloatArray)
         states[k * _NEXT + SIM_A * LANES + i] = recent + (back - whole) * (older - recent)
 
 
-@njit(cache=True, nogil=True, fastmath={"contract"}, error_model="numpy")
+@njit(cache=True, nogil=True, fastmath={"contract"}, error_model="numpy", **UNALIASED)
 def simulate_closed_loop(
     track: FloatArray, width: int, delayed: bool, scratch: FloatArray, states: FloatArray
 ) -> None:
@@ -153,7 +154,7 @@ def simulate_closed_loop(
                 states[now + _NEXT + SIM_X * LANES + i] = states[now + SIM_X * LANES + i] + v * TIME_STEP
 
 
-@njit(cache=True, nogil=True, fastmath={"contract"}, error_model="numpy")
+@njit(cache=True, nogil=True, fastmath={"contract"}, error_model="numpy", **UNALIASED)
 def simulate_open_loop(
     track: FloatArray, width: int, delayed: bool, scratch: FloatArray, states: FloatArray
 ) -> None:
@@ -191,7 +192,7 @@ def simulate_open_loop(
             scratch[ERROR_1 * LANES + i] += weight * error * error
 
 
-@njit(cache=True, nogil=True, fastmath={"contract"}, error_model="numpy")
+@njit(cache=True, nogil=True, fastmath={"contract"}, error_model="numpy", **UNALIASED)
 def evaluate_tile(
     problem: FitProblem,
     parameters: FloatArray,
@@ -219,7 +220,7 @@ def evaluate_tile(
         objectives[first + i] = objective
 
 
-@njit(cache=True, nogil=True, fastmath={"contract"}, error_model="numpy")
+@njit(cache=True, nogil=True, fastmath={"contract"}, error_model="numpy", **UNALIASED)
 def evaluate_population(
     problem: FitProblem, parameters: FloatArray, scratch: FloatArray, states: FloatArray, objectives: FloatArray
 ) -> None:

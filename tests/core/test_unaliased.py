@@ -1,0 +1,25 @@
+"""The option reaches the compiler, and kernels that take it compute the same as without."""
+
+import numpy as np
+from numba import njit
+
+from highd_lc.core.unaliased import UNALIASED
+
+
+def _running_sum(values: np.ndarray, out: np.ndarray) -> None:
+    for i in range(1, len(values)):
+        out[i] = out[i - 1] + values[i]
+
+
+def test_arguments_are_marked():
+    plain, marked = njit(_running_sum), njit(**UNALIASED)(_running_sum)
+    values = np.arange(100.0)
+    results = []
+    for kernel in (plain, marked):
+        out = np.zeros(100)
+        kernel(values, out)
+        results.append(out)
+    assert np.array_equal(*results)
+    assert np.array_equal(results[0], np.cumsum(values))
+    marks = [next(iter(kernel.inspect_llvm().values())).count("noalias") for kernel in (plain, marked)]
+    assert marks[1] > marks[0]
