@@ -23,8 +23,7 @@ OVERTAKES = len(CONSTRAINTS) + 1
 """Code of a violation beside those of ``dynamics``: the plan ends ahead of the leader of its gap."""
 
 
-@dataclass(frozen=True)
-class Goal:
+class Goal(NamedTuple):
     """What a policy minimises: its accounting and the AV's weight omega_AV."""
 
     accounting: str
