@@ -1,7 +1,8 @@
 """Scenes of a recording: from events, event tracks, vehicles and fitted followers to the planner's arrays."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -45,9 +46,16 @@ class _Recording:
 
 def load_scenes(work: Path, recording: int, settings: ValidateSettings) -> Iterator[Scene]:
     """The scenes of a recording's events in the order of the events table."""
+    return (make() for _, make in scene_makers(work, recording, settings))
+
+
+def scene_makers(
+    work: Path, recording: int, settings: ValidateSettings
+) -> Iterator[tuple[str, Callable[[], Scene]]]:
+    """Each event's id with what makes its scene: one that cannot be made does not stand in the others' way."""
     tables = _load(work, recording, settings.planner)
     for event in tables.events.itertuples():
-        yield _scene(event, tables, settings)
+        yield event.event_id, partial(_scene, event, tables, settings)
 
 
 def load_scene(work: Path, event_id: str, settings: ValidateSettings) -> Scene:

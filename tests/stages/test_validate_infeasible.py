@@ -1,14 +1,18 @@
 """Events without a feasible plan beside others: they are results with a status, and lose nobody else's rows."""
 
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
-from running import validated
+from running import FIXTURES, validated
 
+from highd_lc.algorithms.plan_tracking import PlanTracker
 from highd_lc.io import artefacts
+from highd_lc.stages import validate
 from highd_lc.vocab import names
+from highd_lc.vocab.job import Job, Provenance
 from highd_lc.vocab.settings import Settings
 
 # Within 4 s, a lateral shift of more than about 3.75 m asks for more than this lateral acceleration.
@@ -75,3 +79,20 @@ def test_matrix_counts_them_and_leaves_them_out_of_the_totals(work, plans):
         assert cell.total_local == pytest.approx(losses.loc[(local, cell.accounting)].sum())
         assert np.isfinite(cell.gain)
         assert 0.0 <= cell.share_worst_follower_worse <= 1.0
+
+
+def test_an_event_that_fails_is_listed_and_leaves_no_row(work, monkeypatch):
+    events = artefacts.read(work, "events", recording=1)["event_id"].tolist()
+    whole = validate.tracking_rows
+
+    def fails_once(tracker: PlanTracker, *rest: object, **options: object) -> Iterator[dict[str, object]]:
+        if tracker.problem.scene.event_id == events[0]:
+            raise KeyError("something unforeseen")
+        return whole(tracker, *rest, **options)
+
+    monkeypatch.setattr(validate, "tracking_rows", fails_once)
+    report = validate.run(Job(1, FIXTURES, work, SETTINGS, Provenance("settings", {}, 1, "code")))
+    assert [problem.message for problem in report.problems] == [f"{events[0]}: KeyError: 'something unforeseen'"]
+    for name in ("plans", "losses", "tracking"):
+        left = artefacts.read_part(work, "validate", name, 1)["event_id"]
+        assert set(left) == set(events[1:])
