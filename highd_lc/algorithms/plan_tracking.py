@@ -24,7 +24,7 @@ from highd_lc.algorithms.tracked_motion import (
     tracked_motion,
     violations,
 )
-from highd_lc.algorithms.tracker import track
+from highd_lc.algorithms.tracker import Controller, controller, track
 from highd_lc.vocab import names
 from highd_lc.vocab.tracking import INVALID_REFERENCE, MULTI_BODY, Reference, TrackingResult
 
@@ -57,6 +57,10 @@ class PlanTracker:
         """Gaps and waiting of the plans that chose their start."""
         return pose_starts(self.problem)
 
+    @cached_property
+    def _controller(self) -> Controller:
+        return controller(self.problem.settings.tracking, self.problem.scene.dt)
+
     def drive(self, plan: Plan, plant: str) -> DrivenPlan | None:
         """The plan on a plant; None where there is no plan.
 
@@ -76,7 +80,8 @@ class PlanTracker:
         settings = self.problem.settings.tracking
         if plant == MULTI_BODY:
             return track_multibody(reference, settings=settings)
-        return track(reference, wheelbase=self.problem.scene.wheelbase, settings=settings)
+        wheelbase = self.problem.scene.wheelbase
+        return track(reference, wheelbase=wheelbase, settings=settings, shared=self._controller)
 
     def _around(self, plan: Plan, av: AvMotion) -> Replay:
         if plan.replay is not None and plan.replay.entry is not None:

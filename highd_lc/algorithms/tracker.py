@@ -6,6 +6,7 @@ integrate. An unsolved QP holds the last input and is counted.
 """
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -111,21 +112,35 @@ def drive_mpc(
             log.states[k + 1, 0], log.states[k + 1, 1], log.states[k + 1, 2] = x, y, phi
 
 
+class Controller(NamedTuple):
+    """What plans of one control interval share: the MPC's parameters, and memory that every step overwrites."""
+
+    parameters: MpcParameters
+    memory: MpcMemory
+
+
+def controller(settings: TrackingSettings, dt: float) -> Controller:
+    """The MPC of the settings for a control interval dt [s]."""
+    p = mpc_parameters(settings, dt)
+    return Controller(p, new_memory(p))
+
+
 def track(
     reference: Reference,
     *,
     wheelbase: float,
     settings: TrackingSettings,
     disturbance: Disturbance | None = None,
+    shared: Controller | None = None,
 ) -> TrackingResult:
     """Drive the kinematic bicycle along the reference under the MPC (SPEC section 8).
 
-    wheelbase [m] of the car; the reference's dt [s] is the control interval. Never raises for what the reference
-    holds: a plan outside the car's ability, or one with numbers that are not finite, ends in a status.
+    wheelbase [m] of the car; the reference's dt [s] is the control interval; shared: the controller of these
+    settings and dt, for callers with many plans. Never raises for what the reference holds: a plan outside the
+    car's ability, or one with numbers that are not finite, ends in a status.
     """
-    p = mpc_parameters(settings, reference.dt)
-    given = disturbance or Disturbance()
-    return _track(reference, wheelbase, given, settings=settings, p=p, memory=new_memory(p))
+    p, memory = shared or controller(settings, reference.dt)
+    return _track(reference, wheelbase, disturbance or Disturbance(), settings=settings, p=p, memory=memory)
 
 
 def track_many(
@@ -142,8 +157,8 @@ def track_many(
         raise ShapeError(f"the references have intervals of {sorted({r.dt for r in references})} s; one is needed")
     if not references:
         return []
-    p, nothing = mpc_parameters(settings, references[0].dt), Disturbance()
-    memory = new_memory(p)
+    p, memory = controller(settings, references[0].dt)
+    nothing = Disturbance()
     return [
         _track(reference, wheelbase, nothing, settings=settings, p=p, memory=memory)
         for reference, wheelbase in zip(references, wheelbases, strict=True)

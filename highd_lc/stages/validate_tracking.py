@@ -26,11 +26,15 @@ _FIGURES = (
 
 def tracking_rows(tracker: PlanTracker, plans: Sequence[Plan], *, multi_body: bool) -> Iterator[Row]:
     """A row for each policy that changes lane, and plant; multi_body: whether on the multi-body car as well."""
+    known: dict[tuple[int, str], Row] = {}
     for plan in plans:
         if plan.accounting == names.PRIMARY_ACCOUNTING and plan.policy != names.NO_LANE_CHANGE:
-            yield _row(tracker, plan, KINEMATIC)
-            if multi_body:
-                yield _row(tracker, plan, MULTI_BODY)
+            for plant in (KINEMATIC, MULTI_BODY) if multi_body else (KINEMATIC,):
+                # Policies often choose the same plan, whose replay they share: it is driven once.
+                key = id(plan.replay), plant
+                if plan.replay is None or key not in known:
+                    known[key] = _row(tracker, plan, plant)
+                yield known[key] | {"policy": plan.policy}
 
 
 def _row(tracker: PlanTracker, plan: Plan, plant: str) -> Row:
