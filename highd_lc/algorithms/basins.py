@@ -11,7 +11,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from highd_lc.algorithms.pool import Goal, Pool, Task
+from highd_lc.algorithms.pool import Goal, Pool, Task, distinct
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -54,13 +54,13 @@ def node_step(value: FloatArray, largest: FloatArray, nodes: int) -> FloatArray:
 
 
 def basins(task: Task, pool: Pool, goals: list[Goal], *, free: bool) -> list[Head]:
-    """The best basins of each goal, at most ``zoom_starts`` of them, best first."""
+    """The best basins of each goal that is not like one before it, at most ``zoom_starts`` of them, best first."""
     order = np.lexsort((pool.delta, pool.change, pool.n))
     new_line = (np.diff(pool.n[order]) != 0) | (np.diff(pool.change[order]) != 0)
     place = _places(task, pool, free)
     heads: list[Head] = []
-    for g, goal in enumerate(goals):
-        value = pool.objective(goal)
+    for g in distinct(pool, goals):
+        value = pool.objective(goals[g])
         lowest = order[_line_minima(value[order], new_line)]
         lowest = lowest[np.argsort(value[lowest], kind="stable")][:_LOOKED_AT]
         heads += [(int(i), g) for i in lowest[_alone(place[lowest])][: task.settings.zoom_starts]]

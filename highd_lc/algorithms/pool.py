@@ -128,6 +128,15 @@ NOTHING_BEFORE: Final = Before(0.0, 0.0, np.zeros(1), 0)
 """For kernels that take a manoeuvre which starts at once."""
 
 
+def distinct(pool: Pool, goals: list[Goal]) -> list[int]:
+    """Places of the goals that do not make the same of every candidate as one before them."""
+    places: list[int] = []
+    for g, goal in enumerate(goals):
+        if not any(np.array_equal(pool.objective(goal), pool.objective(goals[before])) for before in places):
+            places.append(g)
+    return places
+
+
 @dataclass(frozen=True)
 class Task:
     """A search: the packed scene, its loss terms, dynamic limits and settings; before: only of a later start."""

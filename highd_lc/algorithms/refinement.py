@@ -9,7 +9,7 @@ from highd_lc.algorithms.basins import Head, basins, node_step, widest, x_nodes
 from highd_lc.algorithms.contacts import LANES
 from highd_lc.algorithms.dynamics import violations
 from highd_lc.algorithms.edges import hides_better, refine_edges
-from highd_lc.algorithms.pool import Goal, Pool, Task
+from highd_lc.algorithms.pool import Goal, Pool, Task, distinct
 from highd_lc.algorithms.zoom import Starts, zoom
 
 FloatArray = NDArray[np.float64]
@@ -96,17 +96,12 @@ def _leading(pool: Pool, goals: list[Goal], heads: list[Head]) -> list[Head]:
     A goal that makes the same of every candidate as one before it needs nothing of its own.
     """
     leading: list[Head] = []
-    values = [pool.objective(goal) for goal in goals]
-    for g, value in enumerate(values):
-        best = pool.best(goals[g])
-        if best is not None and not any(_same(value, before, best) for before in values[:g]):
+    for g in distinct(pool, goals):
+        value, best = pool.objective(goals[g]), pool.best(goals[g])
+        if best is not None:
             rivals = [i for i, of in heads if of == g and value[i] <= value[best] * (1.0 + _RIVAL)]
             leading += [(i, g) for i in [best, *rivals]]
     return leading
-
-
-def _same(value: FloatArray, before: FloatArray, best: int) -> bool:
-    return bool(value[best] == before[best]) and np.array_equal(value, before)
 
 
 def _beside(task: Task, pool: Pool, heads: list[Head], explored: set[Place], *, free: bool) -> list[Row]:
@@ -155,8 +150,8 @@ def _on_its_line(pool: Pool, goals: list[Goal], row: Row, first: int) -> Row:
 def _finalists(pool: Pool, goals: list[Goal]) -> list[Head]:
     """Each goal's best candidates of its best durations, as long as the last digits may decide between them."""
     heads: list[Head] = []
-    for g, goal in enumerate(goals):
-        value = pool.objective(goal)
+    for g in distinct(pool, goals):
+        value = pool.objective(goals[g])
         near = np.flatnonzero(value <= (1.0 + _UNDECIDED) * value.min(initial=np.inf))
         near = near[np.argsort(value[near], kind="stable")]
         _, first = np.unique(pool.n[near], return_index=True)
