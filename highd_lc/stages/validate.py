@@ -28,14 +28,13 @@ from highd_lc.io.start_map import start_map
 from highd_lc.io.statistics import situations, summarise_losses, validation_matrix
 from highd_lc.io.tracking_table import tracking_summary
 from highd_lc.stages.validate_pareto import pareto_rows
+from highd_lc.stages.validate_samples import Samples, samples
 from highd_lc.stages.validate_studies import (
     STUDY_TABLES,
-    Samples,
     Study,
     cross_rows,
     foresight_rows,
     horizon_rows,
-    samples,
     solver_rows,
     uncertainty_rows,
 )
