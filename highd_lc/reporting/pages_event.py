@@ -56,9 +56,13 @@ def _lead(report: EventReport) -> str:
     count = report.n_followers
     followers = "one follower" if count == 1 else f"{count} followers"
     kind, duration = str(event["ego_class"]).lower(), html.number(event["duration_s"], 1)
-    return (
+    lead = (
         f"A {kind} changes to the {event['direction']} in {duration} s in front of {followers} on the target lane."
     )
+    if html.is_missing(event["leader_leaves_s"]):
+        return lead
+    after = html.number(event["leader_leaves_s"], 1)
+    return f"{lead} The leader on that lane leaves it {after} s after the start, and counts as the leader all the same."
 
 
 def _notices(report: EventReport) -> list[str]:
@@ -86,7 +90,17 @@ def _facts(report: EventReport) -> list[tuple[str, str]]:
         ("Duration", f"{html.number(event['duration_s'], 1)} s"),
         ("Lateral shift D", f"{html.number(event['lateral_shift_m'], 1)} m"),
         ("Speed at start", f"{html.number(report.v0, 1)} m/s"),
+        ("Leader on target lane", _leader(event)),
         ("Followers on target lane", str(report.n_followers)),
     ]
     gains = [(form, report.gain(form)) for form, (local, _) in PAIRS.items() if report.plan(local) is not None]
     return facts + [(f"Gain, {labels.FORMS[form].lower()}", html.percent(value)) for form, value in gains]
+
+
+def _leader(event: Row) -> str:
+    """Where the target leader is at the start, and whether it leaves; one decimal, as all recorded motion here."""
+    gap, leaves = event["gap_ahead_m"], event["leader_leaves_s"]
+    if html.is_missing(gap):
+        return "none"
+    ahead = f"{html.number(gap, 1)} m ahead"
+    return ahead if html.is_missing(leaves) else f"{ahead}, leaves it after {html.number(leaves, 1)} s"

@@ -42,6 +42,20 @@ def test_gain_is_that_of_the_primary_cell():
     assert f"{100 * report.gain():.2f} %" in text_of(event_page(report, Links()))
 
 
+def page_with(**changed) -> str:
+    report = sample_event()
+    return text_of(event_page(replace(report, event={**report.event, **changed}), Links()))
+
+
+def test_a_page_says_where_the_target_leader_is_and_whether_it_stays():
+    assert "55.4 m ahead" in page_with()
+    assert "leaves it" not in page_with()
+    leaves = page_with(leader_leaves_s=3.24)
+    assert "55.4 m ahead, leaves it after 3.2 s" in leaves
+    assert "The leader on that lane leaves it 3.2 s after the start" in leaves
+    assert "Leader on target lane none" in page_with(gap_ahead_m=np.nan)
+
+
 @pytest.mark.parametrize(("local", "benchmark"), [(np.nan, 1.0), (1.0, np.nan), (1.0, 0.0)])
 def test_gain_is_unknown_without_both_totals(local, benchmark):
     assert np.isnan(gain(local, benchmark))
