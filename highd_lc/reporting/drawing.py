@@ -16,6 +16,8 @@ FloatArray = NDArray[np.float64]
 INK: Final = "#1a1d20"
 QUIET: Final = "#596269"
 LINE: Final = "#d5dade"
+DARK: Final = "#010203"
+"""Text on a tile that is pale in both themes: black itself is what a page replaces by its own ink."""
 ROAD: Final = "#e9ebed"
 FONT_SIZE: Final = 7.0
 

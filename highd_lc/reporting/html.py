@@ -161,4 +161,9 @@ def inline_svg(figure: Figure, alternative: str) -> Markup:
 def _theme_colours() -> dict[str, str]:
     """Colours of figures as matplotlib writes them, and what takes their place on a page with two themes."""
     policies = {look.light.lower(): f"var(--policy-{policy})" for policy, look in labels.POLICIES.items()}
-    return policies | {drawing.INK: "currentColor", drawing.QUIET: "var(--quiet)", drawing.LINE: "var(--line)"}
+    parts = {colour.lower(): f"var(--{name.replace('_', '-')})" for name, _, colour in labels.LOSS_PARTS}
+    return (
+        policies
+        | parts
+        | {drawing.INK: "currentColor", drawing.QUIET: "var(--quiet)", drawing.LINE: "var(--line)"}
+    )

@@ -44,7 +44,7 @@ def _context(report: EventReport, *, raw: bool) -> dict[str, Any]:
         "margins": event_rows.per_accounting(report.plans, lambda a: event_rows.margins(report, a)),
         "parameters": [(name, UNITS[name]) for name in PARAMETERS],
         "fits": [event_rows.fit_row(row, report) for row in report.fits],
-        "tracking": [event_rows.tracking_row(row) for row in report.tracking],
+        "tracking": [event_rows.tracking_row(row) for row in event_rows.ordered(report.tracking)],
         "tracks_drawn": bool(report.track_traces),
         "provenance": report.provenance,
         "payload": event_payload(report, raw=raw),
@@ -57,12 +57,17 @@ def _lead(report: EventReport) -> str:
     followers = "one follower" if count == 1 else f"{count} followers"
     kind, duration = str(event["ego_class"]).lower(), html.number(event["duration_s"], 1)
     lead = (
-        f"A {kind} changes to the {event['direction']} in {duration} s in front of {followers} on the target lane."
+        f"A {kind} changes to the {event['direction']} in {duration} s in front of {followers} on the target "
+        f"lane. An automated vehicle (AV) is planned in its place; {_numbered(count)}."
     )
     if html.is_missing(event["leader_leaves_s"]):
         return lead
     after = html.number(event["leader_leaves_s"], 1)
-    return f"{lead} The leader on that lane leaves it {after} s after the start, and counts as the leader all the same."
+    return f"{lead} The leader on that lane leaves it {after} s after the start and counts as leader all the same."
+
+
+def _numbered(count: int) -> str:
+    return "HV 1 is the follower" if count == 1 else f"HV 1 to HV {count} are the followers, nearest first"
 
 
 def _notices(report: EventReport) -> list[str]:

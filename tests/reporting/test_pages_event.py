@@ -78,7 +78,7 @@ def test_an_infeasible_event_says_why():
     report = infeasible_event()
     text = text_of(event_page(report, Links()))
     assert "none of 3888 candidates meets all constraints" in text
-    assert "Rejected by: jerk y 1200, clearance target leader 34." in text
+    assert "Rejected by: lateral jerk 1200, clearance to target leader 34." in text
     assert "−0.75" in text
     assert np.isnan(report.gain())
 
@@ -117,4 +117,4 @@ def test_raw_pages_warn():
 
 def test_model_error_stands_beside_the_effect():
     text = text_of(event_page(sample_event(), Links()))
-    assert "loss 11.250 recorded, 10.500 simulated, a difference of −0.750" in text
+    assert "loss 11.25 recorded, 10.50 simulated, a difference of −0.75" in text
