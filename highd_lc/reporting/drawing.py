@@ -91,7 +91,9 @@ def dress(axes: Axes, panel: Panel) -> None:
         axes.spines[side].set_visible(False)
     for side in ("left", "bottom"):
         axes.spines[side].set_color(LINE)
-    axes.xaxis.set_major_locator(MaxNLocator(5 if panel.limits[1] < 100 else 10, steps=[1, 2, 5, 10]))
+    axes.xaxis.set_major_locator(
+        MaxNLocator(5 if panel.names or panel.limits[1] < 100 else 10, steps=[1, 2, 5, 10])
+    )
     axes.yaxis.set_major_locator(MaxNLocator(5, steps=[1, 2, 5, 10]))
     if panel.names:
         axes.set_yticks(range(len(panel.names)), panel.names)

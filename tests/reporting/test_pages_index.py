@@ -65,6 +65,8 @@ def test_excluded_lane_changes_are_counted_by_reason_and_linked():
             rf'href="excluded.html#{reason}">{words}</a></th><td>[^<]*</td><td class="n">{count}<', page
         )
     assert f'<td class="n">{counts.sum()}</td></tr></tfoot>' in page
+    # A reason that excludes nobody has no section to lead to.
+    assert set(re.findall(r'href="excluded.html#(\w+)"', page)) == set(counts.index)
 
 
 def test_sparklines_are_relative_to_the_benchmark_start():

@@ -2,7 +2,7 @@
 
 /* A drawing takes the whole width: on a small screen it gets fewer units, so that its letters stay legible. */
 const SMALL = matchMedia("(max-width: 40rem)").matches;
-const CHART = { width: SMALL ? 380 : 560, height: 216, left: 46, right: 34, top: 14, bottom: 38 };
+const CHART = { width: SMALL ? 380 : 560, height: 216, left: 46, right: 34, top: 16, bottom: 38 };
 
 function niceTicks(low, high, count) {
   const raw = (high - low) / count;
@@ -124,7 +124,7 @@ class Chart {
     const at = this.x(x).toFixed(1);
     return mark("g", {},
       mark("line", { class: "mark", x1: at, x2: at, y1: CHART.top, y2: CHART.height - CHART.bottom }),
-      mark("text", { class: "tick", x: at, y: CHART.top - 3, "text-anchor": "middle" }, label));
+      mark("text", { class: "tick", x: at, y: CHART.top - 4, "text-anchor": "middle" }, label));
   }
 
   endLabels() {
