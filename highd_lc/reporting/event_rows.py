@@ -121,7 +121,6 @@ def plan_rows(report: EventReport, accounting: str) -> list[dict[str, Any]]:
 def _plan_row(row: Row, loss: Row) -> dict[str, Any]:
     return {
         "policy": row["policy"],
-        "label": labels.POLICIES[row["policy"]].label,
         "status": labels.STATUSES[row["status"]],
         "infeasible": is_infeasible(row),
         "cells": [(row[name], digits) for name, digits in _PLAN_CELLS],
@@ -230,7 +229,6 @@ def tracking_row(row: Row) -> dict[str, Any]:
     """A row of the table of tracking."""
     return {
         "policy": row["policy"],
-        "label": labels.POLICIES[row["policy"]].label,
         "plant": labels.PLANTS[row["plant"]],
         "status": row["status"],
         "cells": [(row[name], digits) for name, digits in _TRACKING_CELLS],
