@@ -6,7 +6,7 @@ Pages that may be shared carry recorded quantities at 0.1 m, 0.1 m/s and 0.1 m/s
 """
 
 import base64
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -86,7 +86,7 @@ def event_payload(report: EventReport, *, raw: bool = False) -> dict[str, Any]:
         "boxes": {r: [round(b.length, 1), round(b.width, 1)] for r, b in report.boxes.items()},
         "looks": {p: {"label": k.label, "dashed": k.dashed} for p, k in labels.POLICIES.items()},
         "others": [_other(role, path, report, step=step, drive=drive) for role, path in report.others.items()],
-        "plays": [_play(play, step, drive) for play in report.plays],
+        "plays": list(_plays(report.plays, step, drive)),
         "surface": None if report.surface is None else _surface(report.surface, report),
         "fits": {str(rank): _fit(trace, step) for rank, trace in report.fit_traces.items()},
         "tracks": [_track(trace) for trace in report.track_traces],
@@ -131,18 +131,28 @@ def _other(role: str, path: Path, report: EventReport, *, step: float, drive: Fl
     }
 
 
-def _play(play: Play, step: float, drive: FloatArray) -> dict[str, Any]:
+def _plays(plays: Iterable[Play], step: float, drive: FloatArray) -> Iterator[dict[str, Any]]:
+    # Policies that found the same plan share its motion, which is packed once.
+    motions: dict[tuple[int, int], dict[str, Any]] = {}
+    for play in plays:
+        motion = (id(play.ego), id(play.followers))
+        if motion not in motions:
+            motions[motion] = _packed(_channels(play, drive), step if play.measured else FINE_STEP)
+        yield {
+            "policy": play.policy,
+            "accountings": list(play.accountings),
+            "T": round(play.T, 2) if np.isfinite(play.T) else None,
+            "start": round(play.delay_s, 2),
+            **motions[motion],
+        }
+
+
+def _channels(play: Play, drive: FloatArray) -> list[FloatArray]:
     ego = play.ego
     channels = [_co_moving(ego, drive), ego.y, ego.v, ego.a, play.jerk]
     for path in play.followers:
         channels += [_co_moving(path, drive), path.y, path.v, path.a]
-    return {
-        "policy": play.policy,
-        "accountings": list(play.accountings),
-        "T": round(play.T, 2) if np.isfinite(play.T) else None,
-        "start": round(play.delay_s, 2),
-        **_packed(channels, step if play.measured else FINE_STEP),
-    }
+    return channels
 
 
 def _fit(trace: FitTrace, step: float) -> dict[str, Any]:

@@ -1,6 +1,7 @@
 """What the policies did in an event, replayed from the tabulated plans for drawing."""
 
 from collections.abc import Iterable, Iterator
+from dataclasses import replace
 from typing import Any, Final
 
 import numpy as np
@@ -29,16 +30,17 @@ def policy_plays(problem: PlanningProblem, plans: Iterable[Row]) -> Iterator[Pla
     groups = _accountings_of(plans)
     posed = pose_starts(problem) if any(key[0] in FORM_OF_START for key in groups) else None
     # Policies often find the same plan: it is driven once. Human and "no lane change" drive something else.
-    driven: dict[tuple[Any, ...], Driven] = {}
+    driven: dict[tuple[Any, ...], Play] = {}
     for (policy, *shape, delay_s, v_start, gap), accountings in groups.items():
         of = policy if policy in (names.HUMAN, names.NO_LANE_CHANGE) else ""
         motion = (of, *shape, delay_s, v_start, gap)
-        if motion not in driven and policy in FORM_OF_START and posed is not None:
-            driven[motion] = _delayed(posed, key_of(posed, gap, delay_s), v_start, *shape)
-        elif motion not in driven:
-            driven[motion] = _replayed(problem, policy, *shape)
-        av, followers = driven[motion]
-        yield _play(problem, policy, tuple(accountings), av=av, followers=followers, delay_s=delay_s)
+        if motion not in driven:
+            if policy in FORM_OF_START and posed is not None:
+                run = _delayed(posed, key_of(posed, gap, delay_s), v_start, *shape)
+            else:
+                run = _replayed(problem, policy, *shape)
+            driven[motion] = _play(problem, policy, *run, delay_s=delay_s)
+        yield replace(driven[motion], policy=policy, accountings=tuple(accountings))
 
 
 def _accountings_of(plans: Iterable[Row]) -> dict[tuple[Any, ...], list[str]]:
@@ -79,21 +81,13 @@ def _driven(av: AvMotion, scene: PackedScene) -> Driven:
     return av, (x, v, a)
 
 
-def _play(
-    problem: PlanningProblem,
-    policy: str,
-    accountings: tuple[str, ...],
-    *,
-    av: AvMotion,
-    followers: Three,
-    delay_s: float,
-) -> Play:
+def _play(problem: PlanningProblem, policy: str, av: AvMotion, followers: Three, *, delay_s: float) -> Play:
     scene = problem.scene
     stays = policy == names.NO_LANE_CHANGE
     levels = (np.full(len(av.x), y) for y in scene.followers.y)
     return Play(
         policy=policy,
-        accountings=accountings,
+        accountings=(),
         T=float("nan") if stays else av.n * scene.dt,
         ego=_ego(av, scene, at_rear_axle=policy not in (names.HUMAN, names.NO_LANE_CHANGE)),
         jerk=av.jerk,
