@@ -88,7 +88,8 @@ def _grouped(
     """Columns of each group's rows, ordered. Slices of sorted arrays: a frame a group costs ten times as much."""
     frame = frame.sort_values([*by, order], kind="stable")
     arrays = {name: frame[name].to_numpy() for name in columns}
-    keys = list(zip(*(frame[name].tolist() for name in by), strict=True))
+    # Through arrays of objects: value by value, text in arrow's memory costs twenty times as much.
+    keys = list(zip(*(frame[name].to_numpy(object).tolist() for name in by), strict=True))
     starts = [k for k in range(len(keys)) if k == 0 or keys[k] != keys[k - 1]]  # none if there are no rows
     return {
         keys[first]: {name: values[first:stop] for name, values in arrays.items()}

@@ -16,6 +16,8 @@ FloatArray = NDArray[np.float64]
 INK: Final = "#1a1d20"
 QUIET: Final = "#596269"
 LINE: Final = "#d5dade"
+DARK: Final = "#010203"
+"""Text on a tile that is pale in both themes: black itself is what a page replaces by its own ink."""
 ROAD: Final = "#e9ebed"
 FONT_SIZE: Final = 7.0
 
@@ -89,7 +91,9 @@ def dress(axes: Axes, panel: Panel) -> None:
         axes.spines[side].set_visible(False)
     for side in ("left", "bottom"):
         axes.spines[side].set_color(LINE)
-    axes.xaxis.set_major_locator(MaxNLocator(5 if panel.limits[1] < 100 else 10, steps=[1, 2, 5, 10]))
+    axes.xaxis.set_major_locator(
+        MaxNLocator(5 if panel.names or panel.limits[1] < 100 else 10, steps=[1, 2, 5, 10])
+    )
     axes.yaxis.set_major_locator(MaxNLocator(5, steps=[1, 2, 5, 10]))
     if panel.names:
         axes.set_yticks(range(len(panel.names)), panel.names)

@@ -23,6 +23,7 @@ _BARS: Final = (
     ("hv-comfort", "hv_comfort"),
     ("hv-efficiency", "hv_efficiency"),
 )
+_UNKNOWNS: Final = frozenset(("T", "x_final", "v_end", "delay_s"))
 _PLAN_CELLS: Final = (("T", 1), ("x_final", 1), ("v_end", 2), ("min_clearance_m", 2))
 _SAFETY_CELLS: Final = (
     ("min_gap_m", 2),
@@ -55,7 +56,7 @@ def per_accounting(rows: Iterable[Row], make: Any) -> dict[str, Any]:
 
 def loss_rows(report: EventReport, accounting: str) -> list[dict[str, Any]]:
     """The table of losses under an accounting: cells, bars, and each follower's loss."""
-    rows = [row for row in _ordered(report.losses) if row["accounting"] == accounting]
+    rows = [row for row in ordered(report.losses) if row["accounting"] == accounting]
     known = [_halves(row) for row in rows if not html.is_missing(row["loss_total"])]
     longest = max((sum(halves) for halves in known), default=0.0)
     return [_loss_row(report, row, longest) for row in rows]
@@ -113,14 +114,13 @@ def model_error(report: EventReport) -> dict[str, Any] | None:
 
 def plan_rows(report: EventReport, accounting: str) -> list[dict[str, Any]]:
     """The tables of plans and of safety under an accounting."""
-    rows = [row for row in _ordered(report.plans) if row["accounting"] == accounting]
+    rows = [row for row in ordered(report.plans) if row["accounting"] == accounting]
     return [_plan_row(row, report.loss(row["policy"], accounting) or {}) for row in rows]
 
 
 def _plan_row(row: Row, loss: Row) -> dict[str, Any]:
     return {
         "policy": row["policy"],
-        "label": labels.POLICIES[row["policy"]].label,
         "status": labels.STATUSES[row["status"]],
         "infeasible": is_infeasible(row),
         "cells": [(row[name], digits) for name, digits in _PLAN_CELLS],
@@ -132,19 +132,33 @@ def _plan_row(row: Row, loss: Row) -> dict[str, Any]:
 def _remarks(row: Row) -> list[str]:
     remarks = []
     if row["policy"] in names.START_POLICIES + names.FREE_START_POLICIES and not is_infeasible(row):
-        remarks.append(f"starts after {html.number(row['delay_s'], 1)} s, {labels.gap(row['gap'])}")
+        remarks.append(_start(row))
     if _length(row["violations"]):
         remarks.append("violates " + ", ".join(constraint(name) for name in row["violations"]))
     if _length(row["at_bound"]):
-        remarks.append("on a bound of the search: " + ", ".join(row["at_bound"]))
+        remarks += _at_bound(row["at_bound"])
     if row["contact_after_T"] is True:
         remarks.append("contact after T")
     return remarks
 
 
+def _start(row: Row) -> str:
+    when = f"starts after {html.number(row['delay_s'], 1)} s" if row["delay_s"] > 0.0 else "starts at once"
+    return f"{when}, into {'the gap ' * (row['gap'] != names.RECORDED_GAP)}{labels.gap(row['gap'])}"
+
+
+def _at_bound(found: Iterable[str]) -> list[str]:
+    """What stops a plan: the search's range of an unknown, or a constraint without margin."""
+    searched, limiting = [], []
+    for name in found:
+        (searched if name in _UNKNOWNS else limiting).append(name)
+    remarks = [f"on a bound of the search: {', '.join(searched)}"] if searched else []
+    return remarks + ([f"no margin left: {', '.join(map(constraint, limiting))}"] if limiting else [])
+
+
 def margins(report: EventReport, accounting: str) -> dict[str, Any]:
     """The table of margins under an accounting: policies, forms, and a row a constraint."""
-    rows = [row for row in _ordered(report.plans) if row["accounting"] == accounting]
+    rows = [row for row in ordered(report.plans) if row["accounting"] == accounting]
     with_margins = [row for row in rows if _length(row["margins"])]
     counted = {form: row for form, (local, _) in PAIRS.items() for row in rows if row["policy"] == local}
     rejected = [dict(row["rejected_by"] or {}) for row in counted.values()]
@@ -164,6 +178,7 @@ def margins(report: EventReport, accounting: str) -> dict[str, Any]:
     }
 
 
+_AXES: Final = {"x": "longitudinal", "y": "lateral"}
 _CONSTRAINT_UNITS: Final = {
     "speed": "m/s",
     "acceleration": "m/s²",
@@ -178,7 +193,12 @@ def _unit(name: str) -> str:
 
 
 def constraint(name: str) -> str:
-    """A constraint's name as a reader says it."""
+    """A constraint's name as a reader says it: ``clearance_target_follower_1`` is "clearance to HV 1"."""
+    kind, _, rest = name.partition("_")
+    if kind == "clearance":
+        return f"clearance to {labels.role(rest)}"
+    if rest in _AXES:
+        return f"{_AXES[rest]} {kind}"
     return name.replace("_", " ")
 
 
@@ -209,8 +229,7 @@ def tracking_row(row: Row) -> dict[str, Any]:
     """A row of the table of tracking."""
     return {
         "policy": row["policy"],
-        "label": labels.POLICIES[row["policy"]].label,
-        "plant": row["plant"].replace("_", " "),
+        "plant": labels.PLANTS[row["plant"]],
         "status": row["status"],
         "cells": [(row[name], digits) for name, digits in _TRACKING_CELLS],
         "violations": _violations(row["violations"]),
@@ -219,7 +238,7 @@ def tracking_row(row: Row) -> dict[str, Any]:
 
 def _violations(found: Iterable[str] | None) -> str:
     """Constraints in words; a dash where nothing was driven."""
-    return "–" if found is None else ", ".join(name.replace("_", " ") for name in found) or "none"
+    return "–" if found is None else ", ".join(map(constraint, found)) or "none"
 
 
 def is_infeasible(row: Row) -> bool:
@@ -227,13 +246,14 @@ def is_infeasible(row: Row) -> bool:
     return row["status"] in (names.INFEASIBLE, names.INFEASIBLE_AT_START)
 
 
-def _ordered(rows: Iterable[Row]) -> list[Row]:
+def ordered(rows: Iterable[Row]) -> list[Row]:
+    """Rows in the order of ``names.POLICIES``."""
     return sorted(rows, key=lambda row: names.POLICIES.index(row["policy"]))
 
 
 def by_policy(rows: Iterable[Row]) -> dict[str, list[Row]]:
     """Rows by policy, in the order of ``names.POLICIES``."""
     groups: dict[str, list[Row]] = {}
-    for row in _ordered(rows):
+    for row in ordered(rows):
         groups.setdefault(row["policy"], []).append(row)
     return groups

@@ -18,7 +18,7 @@ from highd_lc.reporting import labels
 from highd_lc.reporting.drawing import FONT_SIZE, INK, QUIET, Panel, dress, fill, span
 from highd_lc.reporting.event import EventReport
 from highd_lc.reporting.html import percent
-from highd_lc.reporting.panels_event import LOSS_PARTS, SHOWN, event_panels
+from highd_lc.reporting.panels_event import SHOWN, event_panels
 
 _SIZE: Final = (7.2, 5.6)
 _DPI: Final = 150
@@ -153,7 +153,7 @@ def _inner(name: str) -> tuple[float, float, float, float]:
 
 
 def _add_legend(figure: Figure) -> None:
-    entries = list(zip_longest(reversed(SHOWN), LOSS_PARTS))
+    entries = list(zip_longest(reversed(SHOWN), labels.LOSS_PARTS))
     handles: list[Any] = []
     texts: list[str] = []
     # A legend is filled column by column: a policy above, a part of the loss below.

@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from highd_lc.reporting.drawing import INK, LINE, QUIET
+from highd_lc.reporting.html import percent
 from highd_lc.vocab import names
 
 _FONT: Final = 8.5
@@ -96,7 +97,7 @@ def _draw_bias(axes: Axes, recordings: pd.DataFrame) -> None:
         if len(rows):
             axes.plot(rows["recording_id"], rows["mean_acceleration"], marker, color=colour, ms=4, label=label)
             axes.plot(rows["recording_id"], rows["mean_speed_change"], marker, color=colour, ms=6, mfc="none")
-    axes.plot([], [], "o", color=QUIET, mfc="none", ms=6, label="from first and last speed")
+    axes.plot([], [], "o", color=QUIET, mfc="none", ms=6, label="hollow: from first and last speed")
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))
     axes.set_ylabel("mean forward\nacceleration [m/s²]", fontsize=_FONT, color=QUIET)
     _label_x(axes, "recording")
@@ -110,7 +111,7 @@ def _draw_profiles(axes: Axes, recordings: pd.DataFrame) -> None:
         profile = np.asarray(row.disagreement_profile, dtype=float)
         x = row.entry_m + 10.0 * (np.arange(len(profile)) + 0.5)
         axes.plot(x, profile, color=_WAYS[row.driving_direction][0], linewidth=0.8, alpha=0.7)
-    axes.set_ylabel("dx/dt - vx,\nmean [m/s]", fontsize=_FONT, color=QUIET)
+    axes.set_ylabel("change of position\nminus speed [m/s]", fontsize=_FONT, color=QUIET)
     _label_x(axes, "place along the section, from its entry [m]")
 
 
@@ -142,8 +143,8 @@ def _completeness(crossings: pd.DataFrame) -> str:
     complete = 1 - float(crossings["reason"].isin(_INCOMPLETE).mean())
     cut = float(crossings["reason"].isin([names.CUT_BEFORE_START, names.CUT_AFTER_END]).mean())
     return (
-        f"{len(crossings)} lane-id changes: {complete:.0%} complete (published: {PUBLISHED_COMPLETE:.0%}), "
-        f"{cut:.0%} censored by the ends of the tracks"
+        f"{len(crossings)} lane-id changes: {percent(complete, 0)} complete "
+        f"(published: {percent(PUBLISHED_COMPLETE, 0)}), {percent(cut, 0)} censored by the ends of the tracks"
     )
 
 

@@ -27,12 +27,6 @@ FloatArray = NDArray[np.float64]
 PAIR: Final = (names.BENCHMARK, names.LOCAL_OPTIMUM)
 _COLOUR: Final = {policy: labels.POLICIES[policy].light for policy in PAIR}
 _LABEL: Final = {policy: labels.POLICIES[policy].label for policy in PAIR}
-_PARTS: Final = (
-    ("av_comfort", "AV comfort", "#0072B2"),
-    ("av_efficiency", "AV efficiency", "#56B4E9"),
-    ("hv_comfort", "HV comfort", "#D55E00"),
-    ("hv_efficiency", "HV efficiency", "#E69F00"),
-)
 
 
 @dataclass(frozen=True)
@@ -88,7 +82,7 @@ def _followers(axes: Axes, t: FloatArray, values: FloatArray) -> None:
 
 
 def _rank_colour(i: int, count: int) -> Any:
-    return matplotlib.colormaps["viridis"](0.92 * i / max(count - 1, 1))
+    return matplotlib.colormaps["viridis"](0.22 + 0.66 * i / max(count - 1, 1))
 
 
 def _rank_key(figure: Figure, axes: Any, count: int) -> None:
@@ -151,7 +145,7 @@ def loss_figure(cells: pd.DataFrame, *, printed: Mapping[str, PrintedLosses]) ->
         label(one, title=_accounting(accounting), grid="y")
     axes[0, 0].margins(y=0.08)
     axes[0, 0].set_ylabel("loss (normalised)", fontsize=SIZE, color=QUIET)
-    handles = [Patch(color=colour, label=text) for _, text, colour in _PARTS]
+    handles = [Patch(color=colour, label=text) for _, text, colour in labels.LOSS_PARTS]
     figure.legend(handles=handles, loc="outside lower center", ncols=4, **LEGEND)
     return figure
 
@@ -161,7 +155,7 @@ def _stack(axes: Axes, x: int, row: pd.DataFrame) -> None:
         axes.text(x, 0, "no plan", rotation=90, fontsize=SIZE, color=QUIET, ha="center", va="bottom")
         return
     base = 0.0
-    for column, _, colour in _PARTS:
+    for column, _, colour in labels.LOSS_PARTS:
         height = 0.5 * float(row[column].iloc[0])
         axes.bar(x, height, bottom=base, color=colour, width=0.68)
         base += height

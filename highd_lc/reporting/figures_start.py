@@ -10,13 +10,13 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from highd_lc.reporting import labels
-from highd_lc.reporting.drawing import INK, QUIET
+from highd_lc.reporting.drawing import DARK, INK, QUIET
 from highd_lc.reporting.plain_axes import SIZE, colour_bar, panels
 from highd_lc.vocab import names
 
 FloatArray = NDArray[np.float64]
 
-_PANELS: Final = (("share_waiting", "share that waits [%]"), ("saved_objective", "saved of its objective [%]"))
+_PANELS: Final = (("share_waiting", "events that wait [%]"), ("saved_objective", "saved of what it minimises [%]"))
 _COLOUR_MAPS: Final = {"share_waiting": "Blues", "saved_objective": "PuOr"}
 
 
@@ -43,15 +43,21 @@ def _tiles(figure: Figure, axes: Axes, tiles: pd.DataFrame, *, column: str, labe
     values, counts = np.full((y.size, x.size), np.nan), np.zeros((y.size, x.size), int)
     at = np.searchsorted(y, closing), np.searchsorted(x, spacing)
     values[at], counts[at] = 100.0 * tiles[column].to_numpy(float), tiles["n_events"].to_numpy(int)
-    largest = max(float(np.nanmax(np.abs(values))), 0.1) if values.size else 0.1
-    norm = Normalize(0.0, largest) if column == "share_waiting" else TwoSlopeNorm(0.0, -largest, largest)
+    # A share has its whole scale, and a saving of less than 1 % is not drawn as if it were large.
+    share = column == "share_waiting"
+    largest = 100.0 if share else max(float(np.nanmax(np.abs(values))), 1.0) if values.size else 1.0
+    norm = Normalize(0.0, largest) if share else TwoSlopeNorm(0.0, -largest, largest)
     mesh = axes.imshow(values, cmap=_COLOUR_MAPS[column], norm=norm, origin="lower", aspect="auto")
     for i, j in zip(*np.nonzero(counts), strict=True):
         dark = abs(values[i, j]) > 0.6 * largest
-        ink = "#ffffff" if dark else "#000000"
+        ink = "#ffffff" if dark else DARK
         axes.text(j, i, str(counts[i, j]), ha="center", va="center", fontsize=SIZE, color=ink)
-    axes.set_xticks(range(x.size), [f"from {low:g}" for low in x])
-    axes.set_yticks(range(y.size), [f"from {low:g}" if np.isfinite(low) else "below" for low in y])
+    axes.set_xticks(range(x.size), [_from(low) for low in x])
+    axes.set_yticks(range(y.size), [_from(low) for low in y])
     axes.set_xlabel("spacing of HV 1 behind the AV at the start [m]", fontsize=SIZE, color=QUIET)
     axes.set_ylabel("speed of HV 1 minus the AV's [m/s]", fontsize=SIZE, color=QUIET)
     colour_bar(figure, mesh, axes, label)
+
+
+def _from(low: float) -> str:
+    return f"from {low:g}".replace("-", "−") if np.isfinite(low) else "below"

@@ -11,8 +11,9 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from highd_lc.reporting import labels
-from highd_lc.reporting.drawing import INK, LINE, QUIET
+from highd_lc.reporting.drawing import DARK, INK, LINE, QUIET
 from highd_lc.reporting.figures_population import CELL_COLOURS
+from highd_lc.reporting.html import number
 from highd_lc.reporting.plain_axes import LEGEND, SIZE, colour_bar, panels
 from highd_lc.vocab import names
 from highd_lc.vocab.study_tables import FOLLOWER_MODELS, FRONT, SWEEP
@@ -55,8 +56,8 @@ def _heat(axes: Axes, values: FloatArray, largest: float) -> None:
     axes.imshow(values, cmap=_COLOUR_MAP, norm=TwoSlopeNorm(0.0, -largest, largest), aspect="auto")
     for i, j in np.ndindex(*values.shape):
         if np.isfinite(values[i, j]):
-            ink = "#ffffff" if abs(values[i, j]) > 0.6 * largest else "#000000"
-            axes.text(j, i, f"{values[i, j]:.2f}", ha="center", va="center", fontsize=SIZE, color=ink)
+            ink = "#ffffff" if abs(values[i, j]) > 0.6 * largest else DARK
+            axes.text(j, i, number(values[i, j]), ha="center", va="center", fontsize=SIZE, color=ink)
 
 
 def horizon_figure(sensitivity: pd.DataFrame) -> Figure:

@@ -22,6 +22,9 @@ from highd_lc.reporting.crosslinks import TO_SCENARIOS
 
 _NO_METADATA: Final = dict.fromkeys(("Date", "Creator", "Format", "Type"))
 _MISSING: Final = "–"
+# Formats made beforehand: there are 800 numbers on an event's page.
+_FIXED: Final = tuple(f"%.{digits}f" for digits in range(12))
+_NEXT_CELL: Final = '</td><td class="n">'
 _SCRIPT_ESCAPES: Final = {
     ord("<"): "\\u003c",
     ord(">"): "\\u003e",
@@ -74,10 +77,10 @@ def _environment() -> Environment:
 def number(value: Any, digits: int = 2) -> str:
     """A number with a fixed number of decimals and a true minus sign; a dash where there is none."""
     try:
-        text = f"{value:.{digits}f}"
+        text: str = _FIXED[digits] % value
     except TypeError:  # None, NA
         return _MISSING
-    if text[-1] in "nf>":  # nan, inf, <NA>
+    if text[-1] in "nf":  # nan, inf
         return _MISSING
     if text[0] != "-":
         return text
@@ -91,8 +94,11 @@ def percent(value: Any, digits: int = 2) -> str:
 
 def cells(values: Iterable[Any], digits: int | None = None) -> Markup:
     """Table cells of numbers, or of (number, digits) pairs: one string, which is many times faster than a loop."""
-    pairs = values if digits is None else [(value, digits) for value in values]
-    return Markup("".join(f'<td class="n">{number(value, places)}</td>' for value, places in pairs))
+    if digits is None:
+        texts = [number(value, places) for value, places in values]
+    else:
+        texts = [number(value, digits) for value in values]
+    return Markup(f'<td class="n">{_NEXT_CELL.join(texts)}</td>') if texts else Markup("")
 
 
 @cache
@@ -161,4 +167,9 @@ def inline_svg(figure: Figure, alternative: str) -> Markup:
 def _theme_colours() -> dict[str, str]:
     """Colours of figures as matplotlib writes them, and what takes their place on a page with two themes."""
     policies = {look.light.lower(): f"var(--policy-{policy})" for policy, look in labels.POLICIES.items()}
-    return policies | {drawing.INK: "currentColor", drawing.QUIET: "var(--quiet)", drawing.LINE: "var(--line)"}
+    parts = {colour.lower(): f"var(--{name.replace('_', '-')})" for name, _, colour in labels.LOSS_PARTS}
+    return (
+        policies
+        | parts
+        | {drawing.INK: "currentColor", drawing.QUIET: "var(--quiet)", drawing.LINE: "var(--line)"}
+    )

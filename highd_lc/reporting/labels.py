@@ -9,6 +9,7 @@ from typing import Final
 
 from highd_lc.vocab import names
 from highd_lc.vocab.study_tables import IDM, LCM, LCM_DRAWN
+from highd_lc.vocab.tracking import KINEMATIC, MULTI_BODY
 
 RECORDED: Final = "recorded"
 """Everything as recorded: not a policy, but a way in which an event can be played."""
@@ -98,18 +99,40 @@ PARAMETERS: Final = {
 }
 
 
+LOSS_PARTS: Final = (
+    ("av_comfort", "AV comfort", "#0072B1"),
+    ("av_efficiency", "AV efficiency", "#56B4E8"),
+    ("hv_comfort", "followers' comfort", "#D55E01"),
+    ("hv_efficiency", "followers' efficiency", "#E69F01"),
+)
+"""Parts of a loss: column, label, colour; a shade off the policies', so that pages tell them apart when dark."""
+
+FIT_QUALITY: Final = {
+    "objective": ("objective of the fit", ""),
+    "objective_ga": ("objective before the polish", ""),
+    "rmse_spacing_m": ("RMSE of spacing", "m"),
+    "rmse_speed_mps": ("RMSE of speed", "m/s"),
+    "rmse_acceleration": ("RMSE of acceleration", "m/s²"),
+    "nrmse_spacing": ("RMSE of spacing over its root mean square", ""),
+    "theil_u": ("Theil's U of spacing", ""),
+    "paper_j": ("the paper's one-step objective J", ""),
+}
+"""How well a follower is fitted: label and unit."""
+
 QUANTITIES: Final = {
     "loss_total": "total loss",
     "loss_av": "AV loss",
-    "loss_hv": "HV loss",
+    "loss_hv": "followers' loss",
     "av_comfort": "AV comfort",
     "av_efficiency": "AV efficiency",
-    "hv_comfort": "HV comfort",
-    "hv_efficiency": "HV efficiency",
+    "hv_comfort": "followers' comfort",
+    "hv_efficiency": "followers' efficiency",
+    "worst_follower": "loss of the follower worst off",
+    "loss_hv_increment": "followers' loss due to the lane change",
     "min_gap_m": "smallest gap [m]",
     "min_time_headway_s": "smallest time headway [s]",
     "min_ttc_s": "smallest time to collision [s]",
-    "max_drac": "largest DRAC [m/s²]",
+    "max_drac": "largest deceleration to avoid a crash (DRAC) [m/s²]",
     "peak_follower_decel": "followers' peak braking [m/s²]",
 }
 """Quantities of ``summary_losses``."""
@@ -119,13 +142,25 @@ FOLLOWER_MODELS: Final = {LCM: "as planned (LCM)", IDM: "IDM", LCM_DRAWN: "drawn
 """Who the followers are when plans are scored."""
 
 
+_STRATUM_KINDS: Final = {
+    "followers": "followers on target lane",
+    "leader": "target leader",
+    "spacing": "spacing to HV 1",
+    "closing": "closing speed of HV 1",
+    "speed": "speed of the AV",
+}
 _STRATUM_UNITS: Final = {"spacing": "m", "closing": "m/s", "speed": "m/s"}
 
 
+PLANTS: Final = {KINEMATIC: "kinematic bicycle", MULTI_BODY: "multi-body car", "planned": "as planned"}
+"""Models of the car that drives a plan, and none."""
+
+
 def stratum(name: str) -> str:
-    """A stratum as a reader says it: ``spacing=15 to 30`` is "spacing: 15 to 30 m"."""
+    """A stratum as a reader says it: ``spacing=15 to 30`` is "spacing to HV 1: 15 to 30 m"."""
     kind, _, value = name.partition("=")
-    return f"{kind.replace('_', ' ')}: {value} {_STRATUM_UNITS.get(kind, '')}".rstrip() if value else name
+    words = _STRATUM_KINDS.get(kind, kind.replace("_", " "))
+    return f"{words}: {value.replace('-', '−')} {_STRATUM_UNITS.get(kind, '')}".rstrip() if value else name
 
 
 def short_policy(name: str) -> str:

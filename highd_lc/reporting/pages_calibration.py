@@ -32,9 +32,10 @@ class CalibrationTables:
 def calibration_page(calibration: CalibrationTables) -> str:
     """Table 3 side by side with ours, and what the fits may be believed for."""
     lead = (
-        "Parameters of the LCM fitted to each follower's car following before the lane change, beside the "
-        "published ones. On a few seconds of data the model is practically not identifiable: equal errors are "
-        "reached with very different parameters, and many sit on a bound.",
+        "Parameters of the LCM (longitudinal control model, a model of car following) fitted to what each "
+        "follower did before the lane change, beside the published ones. On a few seconds of data the model is "
+        "practically not identifiable: equal errors are reached with very different parameters, and many sit on "
+        "a bound.",
     )
     return overview_page("calibration.html", "Calibration", _calibration_sections(calibration), lead)
 
@@ -54,7 +55,8 @@ def _calibration_sections(calibration: CalibrationTables) -> Iterator[Section]:
     yield from _pooling_sections(calibration.pooling)
     yield Section("Where the parameters come from", tables=(_status_table(followers),))
     for group, rows in summary[summary["group"] != ALL].groupby("group", sort=False):
-        yield Section(f"Group: {group}", tables=(table_view(rows.pipe(_with_units), _TABLE3_COLUMNS),))
+        main, folded = _table3_views(_with_units(rows))
+        yield Section(f"{group}s alone", tables=main, folded=folded)
 
 
 def _examples_section(examples: tuple[tuple[str, FitTrace], ...]) -> Section:
@@ -121,22 +123,30 @@ _POOLING_COLUMNS: Final = (
     Column("share_better", "Better than the own fit", "%", 0, 100.0),
     Column("folds", "Folds that chose it", digits=0),
 )
+_QUANTILES: Final = (("q25", "25\u00a0%"), ("q50", "50\u00a0%"), ("q75", "75\u00a0%"), ("mean", "mean"))
 _TABLE3_COLUMNS: Final = (
     Column("label", "Quantity"),
     Column("unit", "Unit"),
     Column("n", "Followers", digits=0),
     *(
         Column(f"{prefix}{q}", f"{who} {title}", digits=2)
-        for q, title in (("q25", "25 %"), ("q50", "50 %"), ("q75", "75 %"), ("mean", "mean"))
+        for q, title in _QUANTILES
         for who, prefix in (("ours", ""), ("paper", "paper_"))
     ),
     Column("share_at_bound", "On a bound", "%", 1, 100.0),
+)
+_FIT_COLUMNS: Final = (
+    Column("label", "Quantity"),
+    Column("unit", "Unit"),
+    Column("n", "Followers", digits=0),
+    *(Column(q, title, digits=4) for q, title in _QUANTILES),
 )
 
 
 def table3_section(summary: pd.DataFrame) -> Section:
     """Table 3 of the paper side by side with ours: figure and table."""
     whole = _with_units(summary[summary["group"] == ALL])
+    main, folded = _table3_views(whole)
     figure = html.inline_svg(
         figures.table3_figure(whole),
         "Quartiles and mean of each LCM parameter, ours and the paper's; numbers in the table.",
@@ -145,17 +155,25 @@ def table3_section(summary: pd.DataFrame) -> Section:
         "Table 3, ours and the paper's",
         figure=figure,
         caption="Bar: 25 % to 75 %; line: median; diamond: mean.",
-        tables=(table_view(whole, _TABLE3_COLUMNS),),
+        tables=main,
+        folded=folded,
         anchor="table3",
     )
+
+
+def _table3_views(labelled: pd.DataFrame) -> tuple[tuple[TableView], tuple[TableView]]:
+    """The parameters beside the paper's, and how well they fit."""
+    are_parameters = labelled["quantity"].isin(PARAMETERS)
+    parameters = table_view(labelled[are_parameters], _TABLE3_COLUMNS)
+    return (parameters,), (table_view(labelled[~are_parameters], _FIT_COLUMNS, "How well they fit"),)
 
 
 def _with_units(summary: pd.DataFrame) -> pd.DataFrame:
     order = {name: k for k, name in enumerate(PARAMETERS)}
     place = summary["quantity"].map(order).fillna(len(order))
     labelled = summary.assign(
-        label=summary["quantity"].map(lambda q: labels.PARAMETERS.get(q, q.replace("_", " "))),
-        unit=summary["quantity"].map(lambda q: UNITS.get(q, "")),
+        label=summary["quantity"].map(lambda q: labels.PARAMETERS.get(q) or labels.FIT_QUALITY.get(q, (q,))[0]),
+        unit=summary["quantity"].map(lambda q: UNITS.get(q) or labels.FIT_QUALITY.get(q, ("", ""))[1]),
         _place=place,
     )
     return labelled.sort_values("_place", kind="stable")

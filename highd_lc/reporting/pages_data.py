@@ -30,16 +30,17 @@ def _data_sections(recordings: pd.DataFrame, crossings: pd.DataFrame, events: pd
     yield quality_section(recordings)
 
 
+_CARRIAGEWAYS: Final = {1: "upper", 2: "lower"}
 _QUALITY_COLUMNS: Final = (
     Column("recording_id", "Recording", digits=0),
-    Column("driving_direction", "Direction", digits=0),
+    Column("carriageway", "Carriageway"),
     Column("n_vehicles", "Vehicles", digits=0),
     Column("n_trucks", "Trucks", digits=0),
     Column("frame_rate", "Frame rate", "Hz", 1),
-    Column("n_holes", "Holes", digits=0),
+    Column("n_holes", "Holes in tracks", digits=0),
     Column("share_outside", "Rows outside markings", "%", 2, 100.0),
-    Column("mean_acceleration", "Mean acceleration (bias)", "m/s²", 4),
-    Column("disagreement_inner", "|dx/dt − vx| inside", "m/s", 3),
+    Column("mean_acceleration", "Mean acceleration (bias)", "m/s²", 3),
+    Column("disagreement_inner", "Speed against position, inside the section", "m/s", 3),
     Column("share_lane_changes", "Lane-id changes agree", "%", 2, 100.0),
     Column("failed", "Failed cross-checks"),
 )
@@ -47,7 +48,10 @@ _QUALITY_COLUMNS: Final = (
 
 def quality_section(recordings: pd.DataFrame) -> Section:
     """Quality of the data: figure, and a row for each recording and direction."""
-    frame = recordings.assign(failed=recordings["failed_checks"].map(", ".join))
+    frame = recordings.assign(
+        carriageway=recordings["driving_direction"].map(_CARRIAGEWAYS),
+        failed=[", ".join(checks).replace("_", " ") for checks in recordings["failed_checks"]],
+    )
     figure = html.inline_svg(
         figures.quality_figure(recordings),
         "Bias of the mean forward acceleration by recording and direction, and disagreement of position and speed "
@@ -82,9 +86,8 @@ def _excluded_sections(crossings: pd.DataFrame) -> Iterator[Section]:
     excluded = crossings[~crossings["usable"]]
     for reason, rows in ((r, excluded[excluded["reason"] == r]) for r in names.REASONS):
         if len(rows):
-            text = f"{labels.REASONS[reason][0].upper()}{labels.REASONS[reason][1:]}."
-            title = f"{reason} ({len(rows)})"
-            yield Section(title, (text,), tables=(table_view(rows, _EXCLUDED_COLUMNS),), anchor=reason)
+            text = f"{labels.REASONS[reason][0].upper()}{labels.REASONS[reason][1:]}"
+            yield Section(f"{text} ({len(rows)})", tables=(table_view(rows, _EXCLUDED_COLUMNS),), anchor=reason)
 
 
 def funnel_section(crossings: pd.DataFrame) -> Section:
@@ -94,7 +97,7 @@ def funnel_section(crossings: pd.DataFrame) -> Section:
     rows = [_funnel_row(reason, counts.loc[reason].tolist()) for reason in counts.index]
     total = ("all", "", *counts.sum().tolist(), int(counts.to_numpy().sum()))
     columns = (
-        Column("class", "Class of the funnel"),
+        Column("class", "Reason"),
         Column("meaning", "Meaning"),
         *(Column(c, f"{c}s", digits=0) for c in names.CLASSES),
         Column("all", "All", digits=0),
@@ -109,4 +112,4 @@ def funnel_section(crossings: pd.DataFrame) -> Section:
 
 def _funnel_row(reason: str, counts: list[int]) -> tuple[str | int, ...]:
     meaning = labels.REASONS.get(reason, "an event with a page")
-    return (reason or "usable", meaning, *counts, sum(counts))
+    return (reason.replace("_", " ") or "usable", meaning, *counts, sum(counts))

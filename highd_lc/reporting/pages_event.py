@@ -44,7 +44,7 @@ def _context(report: EventReport, *, raw: bool) -> dict[str, Any]:
         "margins": event_rows.per_accounting(report.plans, lambda a: event_rows.margins(report, a)),
         "parameters": [(name, UNITS[name]) for name in PARAMETERS],
         "fits": [event_rows.fit_row(row, report) for row in report.fits],
-        "tracking": [event_rows.tracking_row(row) for row in report.tracking],
+        "tracking": [event_rows.tracking_row(row) for row in event_rows.ordered(report.tracking)],
         "tracks_drawn": bool(report.track_traces),
         "provenance": report.provenance,
         "payload": event_payload(report, raw=raw),
@@ -56,9 +56,18 @@ def _lead(report: EventReport) -> str:
     count = report.n_followers
     followers = "one follower" if count == 1 else f"{count} followers"
     kind, duration = str(event["ego_class"]).lower(), html.number(event["duration_s"], 1)
-    return (
-        f"A {kind} changes to the {event['direction']} in {duration} s in front of {followers} on the target lane."
+    lead = (
+        f"A {kind} changes to the {event['direction']} in {duration} s in front of {followers} on the target "
+        f"lane. An automated vehicle (AV) is planned in its place; {_numbered(count)}."
     )
+    if html.is_missing(event["leader_leaves_s"]):
+        return lead
+    after = html.number(event["leader_leaves_s"], 1)
+    return f"{lead} The leader on that lane leaves it {after} s after the start and counts as leader all the same."
+
+
+def _numbered(count: int) -> str:
+    return "HV 1 is the follower" if count == 1 else f"HV 1 to HV {count} are the followers, nearest first"
 
 
 def _notices(report: EventReport) -> list[str]:
@@ -86,7 +95,17 @@ def _facts(report: EventReport) -> list[tuple[str, str]]:
         ("Duration", f"{html.number(event['duration_s'], 1)} s"),
         ("Lateral shift D", f"{html.number(event['lateral_shift_m'], 1)} m"),
         ("Speed at start", f"{html.number(report.v0, 1)} m/s"),
+        ("Leader on target lane", _leader(event)),
         ("Followers on target lane", str(report.n_followers)),
     ]
     gains = [(form, report.gain(form)) for form, (local, _) in PAIRS.items() if report.plan(local) is not None]
     return facts + [(f"Gain, {labels.FORMS[form].lower()}", html.percent(value)) for form, value in gains]
+
+
+def _leader(event: Row) -> str:
+    """Where the target leader is at the start, and whether it leaves; one decimal, as all recorded motion here."""
+    gap, leaves = event["gap_ahead_m"], event["leader_leaves_s"]
+    if html.is_missing(gap):
+        return "none"
+    ahead = f"{html.number(gap, 1)} m ahead"
+    return ahead if html.is_missing(leaves) else f"{ahead}, leaves it after {html.number(leaves, 1)} s"

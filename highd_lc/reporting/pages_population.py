@@ -26,8 +26,8 @@ _MATRIX_COLUMNS: Final = (
     Column("gain_high", "to", **_PERCENT),
     Column("gain_hv", "Gain of followers", **_PERCENT),
     Column("gain_av", "Gain of AV", **_PERCENT),
-    Column("median_difference", "Median difference", **_PERCENT),
-    Column("hodges_lehmann", "Hodges-Lehmann", **_PERCENT),
+    Column("median_difference", "Median change of loss", **_PERCENT),
+    Column("hodges_lehmann", "the same, Hodges-Lehmann", **_PERCENT),
     Column("share_differ", "Plans differ", "%", 1, 100.0),
     Column("share_better", "Better", "%", 1, 100.0),
     Column("share_worse", "Worse", "%", 1, 100.0),
@@ -37,9 +37,10 @@ _MATRIX_LEAD: Final = (
     "How much lower the total loss of AV and followers is under the local optimum than under the benchmark, "
     "which minimises the AV's loss alone. Gain = 1 − ratio of the sums over all events; the interval is a "
     "bootstrap over recordings.",
-    "Form and accounting decide the answer, so every combination is shown: under “paper” both sides are charged "
-    "over 0..T, which rewards a short T; under “follower horizon” the AV may end fast at no cost; “equal” charges "
-    "both sides over the same H and is the primary one.",
+    "Form (whether the end speed is free, and the start chosen) and accounting decide the answer, so every "
+    "combination is shown. Under “paper” both sides are charged until the manoeuvre ends, at T, which rewards a "
+    "short T; under “follower horizon” the followers are charged over a longer time H, and the AV may end fast at "
+    "no cost; “equal” charges both sides over the same H and is the primary one.",
 )
 
 
@@ -89,8 +90,8 @@ def _matrix_sections(matrix: pd.DataFrame) -> Iterator[Section]:
     columns = (Column("stratum_label", "Stratum"), *_MATRIX_COLUMNS[2:])
     for (form, accounting), rows in strata.groupby(["form", "accounting"], sort=False):
         figure = figures.strata_figure(strata, form=form, accounting=accounting)
-        title = f"{labels.FORMS[form]}, {labels.ACCOUNTING_NAMES[accounting].lower()}"
-        alternative = f"Gain by stratum: {title}. The table below holds the numbers."
+        title = f"{labels.FORMS[form]}, accounting “{labels.ACCOUNTING_NAMES[accounting].lower()}”, by stratum"
+        alternative = f"Gain: {title}. The table below holds the numbers."
         yield Section(
             title,
             figure=html.inline_svg(figure, alternative),

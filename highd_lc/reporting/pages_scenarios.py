@@ -137,7 +137,7 @@ def ledger_sections(ledger: pd.DataFrame) -> list[Section]:
 
 
 CLAIM_WORDS: Final = {
-    "hv_loss_falls": "HV loss falls",
+    "hv_loss_falls": "followers' loss falls",
     "total_loss_falls": "total loss falls",
     "av_loss_rises": "AV loss rises",
     "travel_time_falls": "travel time falls",
@@ -164,7 +164,7 @@ _CLAIM_COLUMNS: Final = (
 _DETAIL_COLUMNS: Final = (
     Column("statement", "Claim"),
     Column("scenario_label", "Scenario"),
-    Column("cell", "Form and accounting"),
+    Column("cell_label", "Form and accounting"),
     Column("default_label", "Default options"),
     Column("holds_text", "Holds under"),
     Column("fails_text", "Fails or nothing changes under"),
@@ -182,6 +182,9 @@ def claims_section(claims: pd.DataFrame, *, title: str = "Claims", what: str = "
         scenario_label=claims["scenario"].map(scenario_words),
         printed=claims["printed"].str.replace(" -> ", " → "),
         cell=[f"{r.form} {r.accounting}" for r in claims.itertuples()],
+        cell_label=claims["form"].map(labels.FORMS)
+        + ", "
+        + claims["accounting"].map(labels.ACCOUNTING_NAMES).str.lower(),
         default_label=claims["default_verdict"].map(_VERDICT_WORDS),
         **{
             f"{name}_text": [", ".join(v) or "–" for v in claims[f"{column}_under"]]
@@ -198,7 +201,11 @@ def claims_section(claims: pd.DataFrame, *, title: str = "Claims", what: str = "
         f"{what} the claim holds, of those that have both plans. “No change” means that both plans are the same, "
         "or differ by less than 0.1 %."
     )
-    details = table_view(labelled, _DETAIL_COLUMNS, "The options under which each claim holds and fails")
+    details = table_view(
+        labelled,
+        _DETAIL_COLUMNS,
+        "The variants of the options (pipelines/scenarios.toml) under which each claim holds and fails",
+    )
     return Section(
         title,
         (text,),

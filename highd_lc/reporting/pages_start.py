@@ -29,15 +29,15 @@ def start_page(tables: StartTables) -> str:
     """Who waits, over spacing and speed difference, and the value of knowing the leaders."""
     lead = (
         "The AV may keep its lane for a while before it changes, and go into another gap than the recorded one. "
-        "Every policy is charged from the recorded start on: waiting is not free. A delayed change ends as early "
-        "as any other must, so that what follows it is charged as well.",
+        "Every policy is charged from the recorded start on: waiting is not free. A delayed change has to end by "
+        "the same time as any other, so that what comes after it is charged as well.",
     )
     return overview_page("start.html", "Choice of the start", _sections(tables), lead)
 
 
 def _sections(tables: StartTables) -> Iterator[Section]:
     if tables.start_map.empty:
-        yield Section(text=("No start was chosen in this run (setting validate.planner.start).",))
+        yield Section(text=("No start was chosen in this run (setting start in the section validate.planner).",))
         return
     yield _map_section(tables.start_map)
     yield _foresight_section(tables.foresight_summary)
@@ -51,7 +51,7 @@ def _map_section(tiles: pd.DataFrame) -> Section:
         _percent("share_waiting", "Wait", 1),
         _percent("share_other_gap", "Other gap", 1),
         Column("mean_delay_s", "Mean wait", "s", 2),
-        _percent("saved_objective", "Saved of its objective"),
+        _percent("saved_objective", "Saved of what it minimises"),
         _percent("saved_av", "of AV's loss"),
         _percent("saved_hv", "of followers' loss"),
         _percent("saved_total", "of total"),
@@ -61,8 +61,14 @@ def _map_section(tiles: pd.DataFrame) -> Section:
         policy_label=whole["policy"].map(lambda policy: labels.POLICIES[policy].label),
         accounting_label=whole["accounting"].map(labels.ACCOUNTING_NAMES),
     )
-    what = "Share of events that wait and what the choice saves, over spacing and speed difference of HV 1."
-    text = ("Against the same policy without the choice. Numbers in the tiles: events. Negative = it costs.",)
+    what = (
+        "Events that wait (left) and what the choice saves (right), by spacing and speed difference of the first "
+        "follower, HV 1, at the start; accounting “equal”."
+    )
+    text = (
+        "Against the same policy without the choice. The benchmark minimises the AV's loss, the local optimum the "
+        "mean of the AV's and the followers'. Numbers in the tiles: events. Negative: it costs.",
+    )
     figure = html.inline_svg(start_figure(tiles), f"{what} The table holds the totals.")
     return Section("Who waits, and for what", text, figure, what, (table_view(whole, columns),), anchor="map")
 
@@ -73,10 +79,10 @@ def _foresight_section(summary: pd.DataFrame) -> Section:
         Column("knowledge_label", "Leaders as known to the AV"),
         Column("n_events", "Events", digits=0),
         Column("no_plan", "No plan", digits=0),
-        Column("touching", "Touching", digits=0),
+        Column("touching", "Touching somebody", digits=0),
         Column("mean_delay_s", "Mean wait", "s", 2),
         _percent("share_waiting", "Wait", 1),
-        _percent("value_of_information", "Value of knowing"),
+        _percent("value_of_information", "Knowing saves"),
         _percent("value_low", "from"),
         _percent("value_high", "to"),
     )
@@ -86,7 +92,8 @@ def _foresight_section(summary: pd.DataFrame) -> Section:
     )
     text = (
         "Elsewhere the planner knows how the leaders will drive. Here it predicts them at constant speed, and its "
-        "plan is driven among the recorded leaders; plans that touch somebody then are counted, not charged.",
+        "plan is driven among the recorded leaders; plans that touch somebody then are counted, not charged. "
+        "Knowing saves: how much lower what the policy minimises is with the recorded motion, with its interval.",
     )
     title = "What knowing the leaders is worth"
     return Section(title, text, tables=(table_view(rows, columns),), anchor="foresight")

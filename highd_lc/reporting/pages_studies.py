@@ -77,8 +77,8 @@ _ACCOUNTING: Final = Column("accounting_label", "Accounting")
 
 def _cross_sections(scores: pd.DataFrame) -> Iterator[Section]:
     text = (
-        "Plans made under one accounting (rows) scored under each (columns), with the followers as planned, "
-        "driven by another model (IDM), or with parameters drawn within the fits' spread.",
+        "Gain in %: plans made under one accounting (rows) scored under each (columns), with the followers as "
+        "planned, driven by another model (IDM), or with parameters drawn within the fits' spread.",
     )
     for form in (*names.FORMS, *names.START_FORMS):
         rows = scores[scores["form"] == form]
@@ -122,6 +122,9 @@ def _location_section(rows: pd.DataFrame) -> Section:
         Column("n_left_out", "Events left out", digits=0),
         *_GAINS,
     )
+    if len(set(rows["location_id"])) == 1:
+        text = ("All events are of one location: nothing would be left without it.",)
+        return Section("Leave one location out", text, anchor="locations")
     primary = rows[rows["accounting"] == names.PRIMARY_ACCOUNTING]
     others = rows[rows["accounting"] != names.PRIMARY_ACCOUNTING]
     return Section(
@@ -145,7 +148,7 @@ _UNCERTAINTY: Final = (
     Column("n_kept", "Draws, plan kept", digits=0),
     _percent("gain_kept_mean", "Mean gain, plan kept"),
     _percent("share_kept_better", "Better, plan kept", 1),
-    Column("T_deviation", "Deviation of T", "s", 2),
+    Column("T_deviation", "Change of T", "s", 2),
     _percent("spread_known", "Followers with known spread", 0),
 )
 
@@ -179,7 +182,7 @@ _PARETO: Final = (
     _percent("front_behind", "Front behind the sweep by at most", 3),
     _percent("front_ahead", "Front ahead by at most", 3),
     Column("knee_loss_av", "Knee: AV loss", digits=2),
-    Column("knee_loss_hv", "Knee: HV loss", digits=2),
+    Column("knee_loss_hv", "Knee: followers' loss", digits=2),
     Column("knee_omega_low", "Knee optimal from weight", digits=2),
     Column("knee_omega_high", "to weight", digits=2),
 )
@@ -217,7 +220,10 @@ def _solver_section(summary: pd.DataFrame) -> Section:
         _percent("excess_sqp_max", "largest excess", 3),
         _percent("excess_sqp_min", "smallest excess", 3),
     )
-    text = ("SLSQP, the method the paper names, against the global search on sampled events.",)
+    text = (
+        "SLSQP, the method the paper names, against the global search on sampled events: from all of its starts, "
+        "and from a single one. Excess: how much higher the objective is from all starts.",
+    )
     return Section("Solvers compared", text, tables=(table_view(_labelled(summary), columns),), anchor="solvers")
 
 
@@ -228,13 +234,13 @@ _TRACKING: Final = (
     Column("not_driven", "Not driven", digits=0),
     Column("lost", "Lost", digits=0),
     Column("softened", "Bounds softened", digits=0),
-    Column("qp_failures", "Unsolved QPs", digits=0),
-    Column("rmse_lateral_median_m", "Lateral RMSE, median", "m", 4),
-    Column("rmse_lateral_largest_m", "largest", "m", 4),
+    Column("qp_failures", "Steps unsolved", digits=0),
+    Column("rmse_lateral_median_m", "Lateral RMSE, median", "m", 3),
+    Column("rmse_lateral_largest_m", "largest", "m", 3),
     Column("max_lateral_m", "Largest lateral error", "m", 3),
     Column("loss_av_planned", "AV loss planned", digits=3),
     Column("loss_av_tracked", "tracked", digits=3),
-    Column("loss_hv_planned", "HV loss planned", digits=3),
+    Column("loss_hv_planned", "Followers' loss planned", digits=3),
     Column("loss_hv_tracked", "tracked", digits=3),
     _percent("share_violating", "Violating", 1),
     _percent("share_touching_planned", "Touching, planned", 1),
@@ -245,14 +251,15 @@ _TRACKING: Final = (
 def _tracking_section(summary: pd.DataFrame) -> Section:
     """Planned against tracked, by plant and policy."""
     text = (
-        "The plans of accounting “equal” as the MPC drives them: on the kinematic bicycle all of them, on the "
+        "The plans of accounting “equal” as the MPC (model predictive controller) drives them: on the kinematic "
+        "bicycle all of them, on the "
         "multi-body car those of a sample. Limits and clearances are checked again on the tracked motion, and the "
         "followers react to that one. Means of the AV's loss over 0..T, by finite differences on both sides, and "
         "of the followers' over 0..H. The human's path and “constant” may violate a constraint as planned. The "
         "multi-body car weaves slightly by itself, even without a controller: its AV loss holds that.",
     )
     rows = summary.assign(
-        plant_label=summary["plant"].str.replace("_", " "),
+        plant_label=summary["plant"].map(labels.PLANTS),
         policy_label=summary["policy"].map(lambda policy: labels.POLICIES[policy].label),
     )
     return Section("Planned and tracked", text, tables=(table_view(rows, _TRACKING),), anchor="tracking")
@@ -268,6 +275,9 @@ def _worse_section(worse: pd.DataFrame) -> Section:
         Column("loss_local", "Loss, local optimum", digits=3),
         _percent("increase", "Increase"),
     )
+    if worse.empty:
+        text = ("No event has anybody who loses by the local optimum, under no form and no accounting.",)
+        return Section("Worse for somebody", text, anchor="worse")
     ranked = worse.sort_values(["increase", "event_id"], ascending=[False, True]).head(_WORST_SHOWN)
     rows = _labelled(ranked).assign(who_label=ranked["who"].map(labels.role))
     text = (

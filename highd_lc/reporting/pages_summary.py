@@ -23,6 +23,7 @@ from highd_lc.vocab import names
 
 FloatArray = NDArray[np.float64]
 _EXTREMES: Final = 10
+_NOTHING: Final = 1e-9
 
 
 @dataclass(frozen=True)
@@ -83,16 +84,16 @@ def totals(
 
 _DIFFERENCE_COLUMNS: Final = (
     Column("policy_label", "Policy"),
-    Column("against_label", "against"),
+    Column("against_label", "Against"),
     Column("quantity_label", "Quantity"),
     Column("n", "Events", digits=0),
-    Column("mean", "Mean", digits=3),
-    Column("mean_against", "Mean of the other", digits=3),
+    Column("mean", "Mean", digits=2),
+    Column("mean_against", "Mean of the other", digits=2),
     Column("ratio_of_sums", "Ratio of sums", digits=4),
-    Column("median_difference", "Median difference", digits=4),
-    Column("hodges_lehmann", "Hodges-Lehmann", digits=4),
-    Column("difference_low", "Mean difference from", digits=4),
-    Column("difference_high", "to", digits=4),
+    Column("median_difference", "Median difference", digits=3),
+    Column("hodges_lehmann", "the same, Hodges-Lehmann", digits=3),
+    Column("difference_low", "Mean difference from", digits=3),
+    Column("difference_high", "to", digits=3),
     Column("share_better", "Better", "%", 1, 100.0),
     Column("share_worse", "Worse", "%", 1, 100.0),
     Column("share_tied", "Tied", "%", 1, 100.0),
@@ -111,7 +112,12 @@ def _losses_section(tables: SummaryTables) -> Section:
         "Mean loss of AV and followers by policy, under each accounting; numbers in the table.",
     )
     caption = "Paired differences under the accounting “equal”; intervals are bootstraps over recordings."
-    primary = primary.assign(quantity_label=primary["quantity_label"].fillna(primary["quantity"]))
+    # Of nothing no share can be taken: sums that are 0 but for rounding have no ratio.
+    nothing = primary["mean_against"].abs() < _NOTHING
+    primary = primary.assign(
+        quantity_label=primary["quantity_label"].fillna(primary["quantity"]),
+        ratio_of_sums=primary["ratio_of_sums"].mask(nothing),
+    )
     main = primary["quantity"].isin(("loss_total", "loss_av", "loss_hv"))
     return Section(
         "Losses by policy",

@@ -24,12 +24,6 @@ SHOWN: Final = (
 )
 """Policies whose motions are drawn, the most important on top."""
 _TIME: Final = "time since start [s]"
-LOSS_PARTS: Final = (
-    ("av_comfort", "AV comfort", "#0072B2"),
-    ("av_efficiency", "AV efficiency", "#56B4E9"),
-    ("hv_comfort", "HV comfort", "#D55E00"),
-    ("hv_efficiency", "HV efficiency", "#E69F00"),
-)
 
 
 def event_panels(report: EventReport) -> dict[str, Panel]:
@@ -107,13 +101,13 @@ def _losses(report: EventReport) -> Panel:
             notes.append(Note(0.3, row, status, colour=QUIET))
             continue
         left = 0.0
-        for name, _, colour in LOSS_PARTS:
+        for name, _, colour in labels.LOSS_PARTS:
             half = 0.5 * float(loss[name]) if math.isfinite(loss[name]) else 0.0
             blocks.append(Block(left, row - 0.34, half, 0.68, colour))
             left += half
         notes.append(Note(left, row, f" {loss['loss_total']:.2f}"))
         longest = max(longest, left)
-    limits = (0.0, 10.0 * math.ceil(1.18 * longest / 10.0), -0.6, len(policies) - 0.4)
+    limits = (0.0, 10.0 * math.ceil(1.3 * longest / 10.0), -0.6, len(policies) - 0.4)
     title = f"Losses ({labels.ACCOUNTING_NAMES[names.PRIMARY_ACCOUNTING].lower()} accounting)"
     short = tuple(_shortest(q) for q in policies)
     return Panel(title, "loss (normalised, no unit)", "", limits, (), tuple(blocks), tuple(notes), short)
@@ -143,7 +137,7 @@ def _scene(report: EventReport) -> Panel:
     bottom, top = min([lower, *(y - half for y, half in sides)]), max([upper, *(y + half for y, half in sides)])
     limits = (low, high, math.floor(bottom) - 2.0, math.ceil(top) + 2.0)
     return Panel(
-        "Scene at the start with the paths until T",
+        "Scene at the start, and the paths of the lane change",
         "x [m]",
         "y [m]",
         limits,

@@ -38,6 +38,7 @@ def _worded(frame: pd.DataFrame) -> pd.DataFrame:
 
 
 def _tracking(frames: Frames) -> Tables:
+    frame = frames["scenario_tracking"]
     columns = (
         Column("policy", "Policy"),
         Column("plant", "Car"),
@@ -45,12 +46,12 @@ def _tracking(frames: Frames) -> Tables:
         Column("max_lateral_m", "Largest lateral error", "m", 3),
         Column("max_longitudinal_m", "longitudinal", "m", 3),
         Column("loss_av", "AV loss", digits=2),
-        Column("loss_hv", "HV loss", digits=2),
+        Column("loss_hv", "Followers' loss", digits=2),
         Column("loss_total", "Total", digits=2),
         Column("hv1_v_min", "Lowest speed of HV 1", "m/s", 2),
     )
     caption = "The AV as the MPC drives it, and the followers behind that motion; jerk by finite differences."
-    return [table_view(_worded(frames["scenario_tracking"]), columns, caption)], []
+    return [table_view(_worded(frame.assign(plant=frame["plant"].map(labels.PLANTS))), columns, caption)], []
 
 
 def _increments(frames: Frames) -> Tables:
@@ -71,7 +72,7 @@ def _increments(frames: Frames) -> Tables:
         Column("policy", "Policy"),
         Column("T", "T", "s", 1),
         Column("loss_av", "AV loss", digits=2),
-        Column("loss_hv", "HV loss", digits=2),
+        Column("loss_hv", "Followers' loss", digits=2),
         Column("loss_hv_unchanged", "without lane change", digits=2),
         Column("increment", "due to it", digits=2),
         Column("loss_total", "Total", digits=2),

@@ -39,7 +39,7 @@ WORDS: Final = {
     ),
     "speed_maps": Words(
         "Scenario 2: speed over space and time (figures 12 and 13)",
-        "Cells by exact clipping; where nobody was, the map is white. With the end speed fixed the AV stays "
+        "Cells by exact clipping; where nobody was, the map is empty. With the end speed fixed the AV stays "
         "as slow "
         "as it came, and the platoon behind it with it.",
         "Speed maps of both policies and their difference for the AV at 15 and 20 m/s.",
@@ -61,7 +61,7 @@ WORDS: Final = {
     "recorded": Words(
         "A real lane change: Edie's measures on the target lane",
         "The recorded lane change with most followers in the work folder. The line is the vehicle that changes "
-        "lane, the dotted one its crossing; cells that nobody entered are white.",
+        "lane, the dotted one its crossing; cells that nobody entered are empty.",
         "Flow, speed and density of the target lane over space and time around a recorded lane change.",
     ),
     "growth": Words(
@@ -111,6 +111,7 @@ def ledger_lead(frames: Frames) -> list[str]:
     return [
         f"{total} published numbers. Under the default options: {told(verdicts)}. In the cell nearest to each: "
         f"{told(nearest)}. Reproduced: within 1 %; near: within 10 %.",
+        "A cell is a variant of the options (named as in pipelines/scenarios.toml), a form and an accounting. "
         "Nothing was tuned towards the paper. The nearest cell is chosen for each number alone, after the fact; "
         f"taken together, the single cells that come nearest give (without Table 1) {alone}.",
     ]

@@ -27,6 +27,24 @@ _LEADERS: Final = (names.ORIGIN_LEADER, names.TARGET_LEADER, names.ORIGIN_FOLLOW
 
 def policy_plays(problem: PlanningProblem, plans: Iterable[Row]) -> Iterator[Play]:
     """The motions behind an event's rows of ``plans``; rows with the same plan share one."""
+    groups = _accountings_of(plans)
+    posed = pose_starts(problem) if any(key[0] in FORM_OF_START for key in groups) else None
+    # Policies often find the same plan: it is driven once. Human and "no lane change" drive something else.
+    driven: dict[tuple[Any, ...], Play] = {}
+    for (policy, *shape, delay_s, v_start, gap), accountings in groups.items():
+        of = policy if policy in (names.HUMAN, names.NO_LANE_CHANGE) else ""
+        motion = (of, *shape, delay_s, v_start, gap)
+        if motion not in driven:
+            if policy in FORM_OF_START and posed is not None:
+                run = _delayed(posed, key_of(posed, gap, delay_s), v_start, *shape)
+            else:
+                run = _replayed(problem, policy, *shape)
+            driven[motion] = _play(problem, policy, *run, delay_s=delay_s)
+        yield replace(driven[motion], policy=policy, accountings=tuple(accountings))
+
+
+def _accountings_of(plans: Iterable[Row]) -> dict[tuple[Any, ...], list[str]]:
+    """The accountings that led to each policy and plan (T, x_final, v_end, delay_s, v_start, gap)."""
     groups: dict[tuple[Any, ...], list[str]] = {}
     for row in plans:
         # A start without delay into the recorded gap is the play of the policy that it contains: pages stay small.
@@ -36,14 +54,7 @@ def policy_plays(problem: PlanningProblem, plans: Iterable[Row]) -> Iterator[Pla
         if row["status"] in (names.SOLVED, names.REFERENCE):
             key = tuple(row[name] for name in ("policy", "T", "x_final", "v_end", "delay_s", "v_start", "gap"))
             groups.setdefault(key, []).append(row["accounting"])
-    posed = pose_starts(problem) if any(key[0] in FORM_OF_START for key in groups) else None
-    for (policy, *shape, delay_s, v_start, gap), accountings in groups.items():
-        if policy in FORM_OF_START and posed is not None:
-            av, followers = _delayed(posed, key_of(posed, gap, delay_s), v_start, *shape)
-        else:
-            av, followers = _replayed(problem, policy, *shape)
-        play = _play(problem, policy, tuple(accountings), av=av, followers=followers)
-        yield replace(play, delay_s=delay_s)
+    return groups
 
 
 def _delayed(posed: StartProblem, key: Key, v_start: float, T: float, x_final: float, v_end: float) -> Driven:
@@ -70,20 +81,19 @@ def _driven(av: AvMotion, scene: PackedScene) -> Driven:
     return av, (x, v, a)
 
 
-def _play(
-    problem: PlanningProblem, policy: str, accountings: tuple[str, ...], *, av: AvMotion, followers: Three
-) -> Play:
+def _play(problem: PlanningProblem, policy: str, av: AvMotion, followers: Three, *, delay_s: float) -> Play:
     scene = problem.scene
     stays = policy == names.NO_LANE_CHANGE
     levels = (np.full(len(av.x), y) for y in scene.followers.y)
     return Play(
         policy=policy,
-        accountings=accountings,
+        accountings=(),
         T=float("nan") if stays else av.n * scene.dt,
         ego=_ego(av, scene, at_rear_axle=policy not in (names.HUMAN, names.NO_LANE_CHANGE)),
         jerk=av.jerk,
         followers=tuple(Path(x, y, v, a) for x, y, v, a in zip(followers[0], levels, *followers[1:], strict=True)),
         measured=policy == names.HUMAN,
+        delay_s=delay_s,
     )
 
 

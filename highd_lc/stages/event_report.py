@@ -60,9 +60,11 @@ def read_tables(job: Job) -> RecordingTables:
 def _by_event(work: Folder, name: str, recording: int) -> dict[str, tuple[Row, ...]]:
     groups: dict[str, list[Row]] = defaultdict(list)
     frame = artefacts.read(work, name, recording=recording)
-    columns = [frame[column].tolist() for column in frame.columns]
+    titles = list(frame.columns)
+    # Through an array of objects: value by value, text in arrow's memory costs twenty times as much.
+    columns = [frame[title].to_numpy(object).tolist() for title in titles]
     for values in zip(*columns, strict=True):
-        row = dict(zip(frame.columns, values, strict=True))
+        row = dict(zip(titles, values, strict=True))
         groups[row["event_id"]].append(row)
     return {event_id: tuple(rows) for event_id, rows in groups.items()}
 

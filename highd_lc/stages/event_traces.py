@@ -1,7 +1,7 @@
 """What lies behind an event's tables, computed again for drawing: loss surface, fits, tracking."""
 
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -84,15 +84,23 @@ def _recorded(track: Track, rows: NDArray[np.bool_] | slice, box: Box) -> Record
 def track_traces(problem: PlanningProblem, plans: Iterable[Row]) -> tuple[TrackTrace, ...]:
     """The MPC's errors and inputs on each planned policy of the primary accounting, on the kinematic car."""
     chosen = [r for r in plans if r["accounting"] == names.PRIMARY_ACCOUNTING and r["status"] == names.SOLVED]
-    return tuple(_track_trace(problem, row) for row in chosen if row["policy"] in FORM_OF)
+    # Policies often find the same plan, and driving it is the dearest part of a page.
+    driven: dict[tuple[float, ...], TrackTrace] = {}
+    traces = []
+    for row in (r for r in chosen if r["policy"] in FORM_OF):
+        shape = (row["T"], row["x_final"], row["v_end"])
+        if shape not in driven:
+            driven[shape] = _track_trace(problem, row["policy"], *shape)
+        traces.append(replace(driven[shape], policy=row["policy"]))
+    return tuple(traces)
 
 
-def _track_trace(problem: PlanningProblem, row: Row) -> TrackTrace:
+def _track_trace(problem: PlanningProblem, policy: str, T: float, x_final: float, v_end: float) -> TrackTrace:
     scene = problem.scene
-    plan = Quintic(v0=scene.v0, D=scene.lateral_shift, T=row["T"], x_final=row["x_final"], v_end=row["v_end"])
+    plan = Quintic(v0=scene.v0, D=scene.lateral_shift, T=T, x_final=x_final, v_end=v_end)
     result = track(plan_reference(plan, scene.dt), wheelbase=scene.wheelbase, settings=problem.settings.tracking)
     return TrackTrace(
-        policy=row["policy"],
+        policy=policy,
         plant=KINEMATIC,
         t=scene.dt * np.arange(len(result.errors)),
         lateral=result.errors[:, 1],

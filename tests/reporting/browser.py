@@ -34,11 +34,11 @@ def chromium() -> Iterator["Browser"]:  # noqa: F821
 class Watched:
     """A page opened from disk that notes what it complains about and what it asks for."""
 
-    def __init__(self, browser, path: Path, *, dark: bool = False) -> None:
+    def __init__(self, browser, path: Path, *, dark: bool = False, width: int = 1280) -> None:
         self.complaints: list[str] = []
         self.requests: list[str] = []
         scheme = "dark" if dark else "light"
-        self.page = browser.new_page(viewport={"width": 1280, "height": 900}, color_scheme=scheme)
+        self.page = browser.new_page(viewport={"width": width, "height": 900}, color_scheme=scheme)
         self.page.on(
             "console", lambda m: self.complaints.append(m.text) if m.type in ("error", "warning") else None
         )

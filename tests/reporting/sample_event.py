@@ -141,7 +141,7 @@ def sample_event(p: int = 3) -> EventReport:
             "event_id": EVENT_ID, "recording_id": 7, "ego_id": 123, "ego_class": "Car", "direction": "left",
             "origin_lane": 1, "target_lane": 2, "start_frame": 400, "crossing_frame": 456, "end_frame": 552,
             "frame_rate": 25.0, "duration_s": 6.08, "lateral_shift_m": D, "peak_lateral_speed_mps": 1.1,
-            "follower_ids": [901, 902, 903],
+            "follower_ids": [901, 902, 903], "gap_ahead_m": 55.4, "leader_leaves_s": float("nan"),
         },
         v0=V0, dt=DT, divider=1.8, markings=(-1.9, 1.8, 5.5, 9.2),
         boxes={role: Box(4.6, 1.9) for role in (names.EGO, names.TARGET_LEADER, *roles)},

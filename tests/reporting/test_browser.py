@@ -5,12 +5,14 @@ from browser import Watched, chromium
 from sample_event import infeasible_event, sample_event
 from sample_run import calibration, matrix, recordings, sample_run, sample_summary
 from sample_studies import studies
+from test_pages_start import foresight, tiles
 
 from highd_lc.reporting.pages_calibration import calibration_page
 from highd_lc.reporting.pages_data import data_page, excluded_page
 from highd_lc.reporting.pages_event import Links, event_page
 from highd_lc.reporting.pages_index import index_page
 from highd_lc.reporting.pages_population import dictionary_page, matrix_page
+from highd_lc.reporting.pages_start import StartTables, start_page
 from highd_lc.reporting.pages_studies import studies_page
 from highd_lc.reporting.pages_summary import summary_page
 
@@ -34,6 +36,7 @@ def folder(tmp_path_factory):
         "calibration.html": calibration_page(calibration()),
         "studies.html": studies_page(studies()),
         "data.html": data_page(recordings(), sample_run().crossings, sample_run().events),
+        "start.html": start_page(StartTables(tiles(), foresight())),
         "excluded.html": excluded_page(sample_run().crossings),
         "dictionary.html": dictionary_page(),
         "events/event.html": event_page(sample_event(), Links()),
@@ -273,10 +276,38 @@ def test_another_form_and_accounting_changes_the_gains(opened):
     assert gains(page) != before
 
 
-@pytest.mark.parametrize("name", ["summary", "matrix", "studies", "calibration", "data", "excluded", "dictionary"])
+@pytest.mark.parametrize(
+    "name", ["summary", "matrix", "studies", "start", "calibration", "data", "excluded", "dictionary"]
+)
 def test_overview_pages_are_quiet(opened, name):
     page = opened(f"{name}.html")
     assert page.inner_text("h1")
     assert page.get_attribute("nav a[aria-current=page]", "href") == f"{name}.html"
     # Nothing but tables inside their own scroller is wider than the window.
     assert page.evaluate("document.documentElement.scrollWidth <= innerWidth")
+
+
+ALL_PAGES = ("index", "summary", "matrix", "studies", "start", "calibration", "data", "excluded", "dictionary")
+
+
+@pytest.mark.parametrize("name", [*ALL_PAGES, "events/event", "events/infeasible"])
+def test_on_a_telephone_nothing_is_wider_than_the_screen(opened, name):
+    page = opened(f"{name}.html", width=420)
+    page.evaluate("document.querySelectorAll('details').forEach(d => { d.open = true; })")
+    assert page.evaluate("document.scrollingElement.scrollWidth <= innerWidth")
+    wide = "[...document.querySelectorAll('caption')].filter(c => c.offsetWidth > innerWidth).length"
+    assert page.evaluate(wide) == 0
+
+
+def test_letters_of_drawings_stay_legible_on_a_telephone(opened):
+    page = opened("events/event.html", width=420)
+    for selector in (".chart .tick", ".road text"):
+        height = page.eval_on_selector(selector, "e => e.getBoundingClientRect().height")
+        assert height > 9.0
+
+
+def test_the_printed_index_keeps_the_names_of_its_columns(opened):
+    page = opened("index.html")
+    page.emulate_media(media="print")
+    assert page.is_visible("#events thead button >> text=Gain")
+    assert not page.is_visible("#best")

@@ -62,7 +62,8 @@ def test_share_of_complete_and_censored_changes_is_stated():
     crossings = made_crossings()
     text = distributions_figure(crossings, made_events()).get_suptitle()
     cut = (crossings["reason"] == names.CUT_BEFORE_START).mean()
-    assert f"{len(crossings)} lane-id changes: {1 - cut:.0%} complete (published: 60%), {cut:.0%} censored" in text
+    whole = f"{100 * (1 - cut):.0f} % complete (published: 60 %), {100 * cut:.0f} % censored"
+    assert f"{len(crossings)} lane-id changes: {whole}" in text
 
 
 def test_published_durations_stand_beside_ours():

@@ -61,7 +61,7 @@ def test_every_word_has_a_label():
 
 
 def test_strata_are_said_with_their_units():
-    assert labels.stratum("spacing=15 to 30") == "spacing: 15 to 30 m"
+    assert labels.stratum("spacing=15 to 30") == "spacing to HV 1: 15 to 30 m"
     assert labels.stratum("class=Car") == "class: Car"
     assert labels.stratum("all") == "all"
 

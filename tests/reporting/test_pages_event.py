@@ -42,6 +42,20 @@ def test_gain_is_that_of_the_primary_cell():
     assert f"{100 * report.gain():.2f} %" in text_of(event_page(report, Links()))
 
 
+def page_with(**changed) -> str:
+    report = sample_event()
+    return text_of(event_page(replace(report, event={**report.event, **changed}), Links()))
+
+
+def test_a_page_says_where_the_target_leader_is_and_whether_it_stays():
+    assert "55.4 m ahead" in page_with()
+    assert "leaves it" not in page_with()
+    leaves = page_with(leader_leaves_s=3.24)
+    assert "55.4 m ahead, leaves it after 3.2 s" in leaves
+    assert "The leader on that lane leaves it 3.2 s after the start" in leaves
+    assert "Leader on target lane none" in page_with(gap_ahead_m=np.nan)
+
+
 @pytest.mark.parametrize(("local", "benchmark"), [(np.nan, 1.0), (1.0, np.nan), (1.0, 0.0)])
 def test_gain_is_unknown_without_both_totals(local, benchmark):
     assert np.isnan(gain(local, benchmark))
@@ -64,7 +78,7 @@ def test_an_infeasible_event_says_why():
     report = infeasible_event()
     text = text_of(event_page(report, Links()))
     assert "none of 3888 candidates meets all constraints" in text
-    assert "Rejected by: jerk y 1200, clearance target leader 34." in text
+    assert "Rejected by: lateral jerk 1200, clearance to target leader 34." in text
     assert "−0.75" in text
     assert np.isnan(report.gain())
 
@@ -103,4 +117,4 @@ def test_raw_pages_warn():
 
 def test_model_error_stands_beside_the_effect():
     text = text_of(event_page(sample_event(), Links()))
-    assert "loss 11.250 recorded, 10.500 simulated, a difference of −0.750" in text
+    assert "loss 11.25 recorded, 10.50 simulated, a difference of −0.75" in text

@@ -60,10 +60,13 @@ def test_excluded_lane_changes_are_counted_by_reason_and_linked():
     page = index_page(run)
     counts = run.crossings.loc[~run.crossings["usable"], "reason"].value_counts()
     for reason, count in counts.items():
+        words = reason.replace("_", " ")
         assert re.search(
-            rf'href="excluded.html#{reason}">{reason}</a></th><td>[^<]*</td><td class="n">{count}<', page
+            rf'href="excluded.html#{reason}">{words}</a></th><td>[^<]*</td><td class="n">{count}<', page
         )
     assert f'<td class="n">{counts.sum()}</td></tr></tfoot>' in page
+    # A reason that excludes nobody has no section to lead to.
+    assert set(re.findall(r'href="excluded.html#(\w+)"', page)) == set(counts.index)
 
 
 def test_sparklines_are_relative_to_the_benchmark_start():

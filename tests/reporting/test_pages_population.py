@@ -7,6 +7,8 @@ import pytest
 from sample_run import calibration, matrix, recordings, sample_run, sample_summary
 from sample_studies import studies
 
+from highd_lc.io import lcm_summary, statistics
+from highd_lc.reporting import labels
 from highd_lc.reporting.pages_calibration import calibration_page
 from highd_lc.reporting.pages_data import data_page, excluded_page
 from highd_lc.reporting.pages_index import IndexTables, index_page
@@ -67,7 +69,8 @@ def test_table_3_stands_side_by_side():
     mean = TABLE3_MEANS.v_desire
     assert desired[0] == "desired speed v_desire"
     assert desired[-3:] == [f"{1.2 * mean:.2f}", f"{mean:.2f}", "12.5"]
-    assert rows[7][0] == "objective"
+    assert rows[7][0] == "Quantity"
+    assert rows[8][0] == "objective of the fit"
 
 
 def test_where_parameters_come_from_adds_up():
@@ -81,7 +84,7 @@ def test_every_excluded_lane_change_is_listed_under_its_reason():
     for reason, group in crossings[~crossings["usable"]].groupby("reason"):
         section = page[page.index(f'id="{reason}"') :].split("</section>")[0]
         assert all(event_id in section for event_id in group["event_id"])
-        assert f"{reason} ({len(group)})" in section
+        assert f"{labels.REASONS[reason][1:]} ({len(group)})" in escapes.unescape(section)
 
 
 def test_the_funnel_adds_up_to_all_crossings():
@@ -169,9 +172,9 @@ def test_a_front_without_a_knee_shows_none():
 
 def test_tracking_shows_planned_beside_tracked():
     rows = rows_of(robustness(), after='id="tracking"')
-    assert rows[1][:4] == ["kinematic", "Human", "39", "1"]
+    assert rows[1][:4] == ["kinematic bicycle", "Human", "39", "1"]
     assert rows[1][10:17] == ["12.000", "12.125", "9.000", "9.250", "25.0", "0.0", "12.5"]
-    assert [row[:2] for row in rows[4:7]] == [["multi body", row[1]] for row in rows[1:4]]
+    assert [row[:2] for row in rows[4:7]] == [["multi-body car", row[1]] for row in rows[1:4]]
 
 
 def test_a_run_without_any_event_still_has_its_pages():
@@ -189,7 +192,7 @@ def test_a_run_without_any_event_still_has_its_pages():
     assert "0 fitted followers" in calibration_page(calibration(**none, examples=()))
     full = studies()
     nobody = {name: getattr(full, name).iloc[:0] for name in StudyTables.__dataclass_fields__}
-    assert "0 events have somebody who loses" in studies_page(studies(**nobody))
+    assert "No event has anybody who loses" in studies_page(studies(**nobody))
     assert "0 of them usable" in data_page(recordings(), crossings, empty.events)
     index = IndexTables(
         empty.events, crossings, run.plans.iloc[:0], run.losses.iloc[:0], empty.matrix, empty.pages
@@ -202,3 +205,28 @@ def test_pages_ask_for_nothing(page):
     assert "default-src 'none'" in page
     namespaces = {"http://www.w3.org/2000/svg", "http://www.w3.org/1999/xlink"}
     assert set(re.findall(r"https?://[^\s\"'<)]+", page)) <= namespaces
+
+
+def test_no_share_is_taken_of_nothing():
+    tables = sample_summary()
+    rounding = tables.summary_losses.assign(mean_against=1e-15, ratio_of_sums=6e15)
+    page = summary_page(replace(tables, summary_losses=rounding))
+    assert "6000000000000000" not in page
+
+
+def test_every_quantity_of_the_tables_has_words():
+    assert set(statistics._QUANTITIES) <= set(labels.QUANTITIES)
+    assert set(lcm_summary._QUALITY) <= set(labels.FIT_QUALITY)
+
+
+def test_one_location_leaves_nothing_to_leave_out():
+    tables = studies()
+    one = replace(tables, leave_one_out=tables.leave_one_out.assign(location_id=101))
+    section = studies_page(one).split('id="locations"')[1].split("</section>")[0]
+    assert "All events are of one location" in section
+    assert "<table" not in section
+
+
+def test_a_folded_table_is_named_once():
+    section = summary().split('id="gain-map"')[1].split("</section>")[0]
+    assert section.count("All tiles") == 1

@@ -60,7 +60,7 @@ def test_words():
 def test_claims_show_verdict_and_count_in_every_cell():
     section = pages.claims_section(claims())
     (row,) = section.tables[0].rows
-    assert row[:3] == ("HV loss falls", "2, AV 15 m/s", "–")
+    assert row[:3] == ("followers' loss falls", "2, AV 15 m/s", "–")
     assert row[3:] == ("holds 2/3",) * 6
     details = section.folded[0].rows
     assert len(details) == 6
@@ -108,7 +108,7 @@ def test_markdown_has_a_line_for_every_number_and_contradiction():
         "| 1 | AV loss | Benchmark | 21.42 | 10.36 | 0.48 | not reproduced | 21.40 | default, free, equal |"
         in text
     )
-    assert "| 1 | HV loss | omega_AV 0.1 | 14.14 | – | – | no plan | – |  |" in text
+    assert "| 1 | followers' loss | omega_AV 0.1 | 14.14 | – | – | no plan | – |  |" in text
     assert "rectangle" not in text.split("## Claims")[0].replace("Table 1", "")
     assert "1 + 2 = 3" in text
     assert "1 + 1 = 2" not in text

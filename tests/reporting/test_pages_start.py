@@ -3,6 +3,7 @@
 import numpy as np
 import pandas as pd
 
+from highd_lc.reporting.drawing import DARK
 from highd_lc.reporting.figures_start import start_figure
 from highd_lc.reporting.pages_start import StartTables, start_page
 from highd_lc.vocab import names
@@ -50,3 +51,9 @@ def test_the_figure_counts_events_in_their_tiles():
     figure = start_figure(tiles())
     texts = [text.get_text() for text in figure.axes[0].texts]
     assert texts == ["7", "7", "7"]
+
+
+def test_numbers_in_tiles_keep_their_colour_in_the_dark():
+    # A page replaces black by its own ink, which is pale on a dark ground; so are the tiles.
+    page = start_page(StartTables(tiles().assign(share_waiting=0.0, saved_objective=0.0), foresight()))
+    assert page.count(f"fill: {DARK}") == 3 * 4

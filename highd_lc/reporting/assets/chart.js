@@ -1,6 +1,8 @@
 /* Line charts over time with a cursor, drawn as SVG. A series is {name, colour, dash, width, x, y, label}. */
 
-const CHART = { width: 560, height: 216, left: 46, right: 34, top: 10, bottom: 38 };
+/* A drawing takes the whole width: on a small screen it gets fewer units, so that its letters stay legible. */
+const SMALL = matchMedia("(max-width: 40rem)").matches;
+const CHART = { width: SMALL ? 380 : 560, height: 216, left: 46, right: 34, top: 16, bottom: 38 };
 
 function niceTicks(low, high, count) {
   const raw = (high - low) / count;
@@ -106,7 +108,7 @@ class Chart {
       parts.push(mark("line", { class: "grid", x1: CHART.left, x2: CHART.width - CHART.right, y1: y, y2: y }),
         mark("text", { class: "tick", x: CHART.left - 6, y: +y + 4, "text-anchor": "end" }, fixed(value, yTicks.digits)));
     }
-    const xTicks = niceTicks(...this.xRange, 7);
+    const xTicks = niceTicks(...this.xRange, SMALL ? 5 : 7);
     for (const value of xTicks.ticks) {
       const x = this.x(value).toFixed(1);
       parts.push(mark("line", { class: "axis", x1: x, x2: x, y1: base, y2: base + 4 }),
@@ -122,7 +124,7 @@ class Chart {
     const at = this.x(x).toFixed(1);
     return mark("g", {},
       mark("line", { class: "mark", x1: at, x2: at, y1: CHART.top, y2: CHART.height - CHART.bottom }),
-      mark("text", { class: "tick", x: +at + 3, y: CHART.top + 8 }, label));
+      mark("text", { class: "tick", x: at, y: CHART.top - 4, "text-anchor": "middle" }, label));
   }
 
   endLabels() {

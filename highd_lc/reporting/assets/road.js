@@ -1,6 +1,6 @@
 /* Plan view of the road: boxes of all vehicles at one moment, seen by a camera that follows the AV. */
 
-const ROAD = { width: 1120, top: 30, bottom: 34, lateral: 2 };
+const ROAD = { width: SMALL ? 640 : 1120, top: 30, bottom: 34, lateral: 2 };
 
 class RoadView {
   constructor(svg, data) {
@@ -77,7 +77,7 @@ class RoadView {
     for (let metre = first; metre < camera + this.front; metre += 20) {
       const x = this.x(metre, camera).toFixed(1);
       parts.push(mark("line", { class: "tick", x1: x, x2: x, y1: base, y2: base + 5 }));
-      if (metre % 40 === 0 && x > 22 && x < ROAD.width - 22) parts.push(mark("text", { x, y: base + 18, "text-anchor": "middle" }, `${fixed(metre, 0)} m`));
+      if (metre % (SMALL ? 80 : 40) === 0 && x > 22 && x < ROAD.width - 22) parts.push(mark("text", { x, y: base + 18, "text-anchor": "middle" }, `${fixed(metre, 0)} m`));
     }
     return parts;
   }

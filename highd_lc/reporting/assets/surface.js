@@ -34,7 +34,7 @@ class SurfaceView {
     this.svg.replaceChildren(this.image(values, feasible, low, high), ...this.axes(), ...this.points(accounting, looks));
     const name = { joint: "Joint objective, equal weights", av: "Loss of the AV", hv: "Loss of the followers" }[quantity];
     const text = inside.length
-      ? `${name}: from ${fixed(low, 2)} (dark) to ${fixed(high, 2)} and above (bright) where all constraints hold. Pale grey: some constraint is violated.`
+      ? `${name}: from ${fixed(low, 2)} (dark) to ${fixed(high, 2)} and above (bright) where all constraints hold. Grey: some constraint is violated.`
       : "No candidate of this grid meets all constraints.";
     this.note.textContent = text;
     this.svg.setAttribute("aria-label", `${text} Points: ${this.spoken(accounting, looks)}.`);
@@ -83,7 +83,7 @@ class SurfaceView {
       parts.push(mark("text", { class: "tick", x: 50, y: (this.y(value) + 4).toFixed(1), "text-anchor": "end" }, fixed(value, ticks.digits)));
     }
     parts.push(mark("text", { class: "tick", x: 540, y: 346, "text-anchor": "end" }, "duration T [s]"),
-      mark("text", { class: "tick", x: 14, y: 162, transform: "rotate(-90 14 162)", "text-anchor": "middle" }, "x_final − v0 T [m]"));
+      mark("text", { class: "tick", x: 14, y: 162, transform: "rotate(-90 14 162)", "text-anchor": "middle" }, "farther than at constant speed [m]"));
     return parts;
   }
 
