@@ -65,6 +65,7 @@ _QUANTITIES = (
 _SPACINGS = ((0, 15), (15, 30), (30, 60), (60, np.inf))
 _CLOSING = ((-np.inf, -2), (-2, 2), (2, np.inf))
 _SPEEDS = ((0, 15), (15, 25), (25, 33), (33, np.inf))
+_NOTHING = 1e-9
 _AT_START = (("t", ">", -1e-9), ("t", "<", 1e-9))
 
 
@@ -269,7 +270,7 @@ def _differences(pair: pd.DataFrame, bootstrap: Bootstrap, band: float) -> Itera
             "n": len(both),
             "mean": float(one.mean()),
             "mean_against": float(other.mean()),
-            "ratio_of_sums": float(one.sum() / other.sum()) if other.sum() else np.nan,
+            "ratio_of_sums": _ratio(one, other),
             "median_difference": float(np.median(difference)),
             "hodges_lehmann": hodges_lehmann(difference),
             "difference_low": interval.low,
@@ -278,3 +279,9 @@ def _differences(pair: pd.DataFrame, bootstrap: Bootstrap, band: float) -> Itera
             "share_worse": worse,
             "share_tied": tied,
         }
+
+
+def _ratio(one: FloatArray, other: FloatArray) -> float:
+    """Ratio of two sums; NaN where the lower one is nothing beside the numbers that were added, but for rounding."""
+    total, added = other.sum(), np.abs(one).sum() + np.abs(other).sum()
+    return float(one.sum() / total) if abs(total) > _NOTHING * added else np.nan
