@@ -282,6 +282,6 @@ def _differences(pair: pd.DataFrame, bootstrap: Bootstrap, band: float) -> Itera
 
 
 def _ratio(one: FloatArray, other: FloatArray) -> float:
-    """Ratio of two sums; NaN where the lower one is nothing beside the numbers that were added, but for rounding."""
+    """Ratio of two sums; NaN where the lower one is nothing beside what was added, but for rounding."""
     total, added = other.sum(), np.abs(one).sum() + np.abs(other).sum()
     return float(one.sum() / total) if abs(total) > _NOTHING * added else np.nan
