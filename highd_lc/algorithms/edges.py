@@ -38,26 +38,35 @@ def refine_edges(task: Task, pool: Pool, goals: list[Goal]) -> Pool:
 
 def _promising(pool: Pool, goals: list[Goal]) -> tuple[IntArray, IntArray]:
     """The candidates at both ends of each interval to divide."""
-    if not any(hides_better(pool, goal) for goal in goals):
+    target = {goal: _target(pool, goal) for goal in goals}
+    tempting = np.logical_or.reduce([pool.unconstrained(goal) < target[goal] for goal in goals])
+    if not tempting.any():
         return np.empty(0, np.int64), np.empty(0, np.int64)
-    order = np.lexsort((pool.delta, pool.change, pool.n))
-    low, high = order[:-1], order[1:]
-    one_line = (pool.n[low] == pool.n[high]) & (pool.change[low] == pool.change[high])
-    one_line &= pool.delta[high] - pool.delta[low] > _NARROW_M
+    lined = _on_lines(pool, tempting)
+    part = pool.chosen(lined)
+    low, high = np.arange(len(part) - 1), np.arange(1, len(part))
+    one_line = (part.n[low] == part.n[high]) & (part.change[low] == part.change[high])
+    one_line &= part.delta[high] - part.delta[low] > _NARROW_M
     chosen: set[int] = set()
     for goal in goals:
-        obstacle, value = pool.obstacle(goal.accounting), pool.unconstrained(goal)
+        obstacle, value = part.obstacle(goal.accounting), part.unconstrained(goal)
         promise = np.minimum(value[low], value[high])
-        edge = one_line & (obstacle[low] != obstacle[high]) & (promise < _target(pool, goal))
-        where = np.flatnonzero(edge)
+        where = np.flatnonzero(one_line & (obstacle[low] != obstacle[high]) & (promise < target[goal]))
         chosen |= set(where[np.argsort(promise[where], kind="stable")[:_AT_ONCE]].tolist())
     places = np.array(sorted(chosen), np.int64)
-    return low[places], high[places]
+    return lined[places], lined[places + 1]
+
+
+def _on_lines(pool: Pool, wanted: NDArray[np.bool_]) -> IntArray:
+    """The lines over x_final that hold a wanted candidate, in order: no other one has a promising interval."""
+    on = np.flatnonzero(np.isin(pool.n, pool.n[wanted]))
+    on = on[np.isin(pool.change[on], pool.change[wanted])]
+    return on[np.lexsort((pool.delta[on], pool.change[on], pool.n[on]))]
 
 
 def _target(pool: Pool, goal: Goal) -> float:
     best = pool.best(goal)
-    return np.inf if best is None else float(pool.unconstrained(goal)[best]) * (1.0 - _WORTHWHILE)
+    return np.inf if best is None else float(pool.objective(goal)[best]) * (1.0 - _WORTHWHILE)
 
 
 def hides_better(pool: Pool, goal: Goal) -> bool:

@@ -228,7 +228,7 @@ def origin_follower_motion(
     return x
 
 
-@njit(cache=True, nogil=True)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _nearest(
     x: FloatArray,
     y: FloatArray,
@@ -250,8 +250,8 @@ def _nearest(
     for k in range(len(x)):
         dx, dy, cos, sin = _from_centre(k, x, y, vx, vy, n, scene, other_x, other_y)
         bounds[k] = max(
-            abs(dx) - np.hypot(scene.a * cos, scene.b * sin) - a,
-            abs(dy) - np.hypot(scene.a * sin, scene.b * cos) - b,
+            abs(dx) - np.sqrt((scene.a * cos) ** 2 + (scene.b * sin) ** 2) - a,
+            abs(dy) - np.sqrt((scene.a * sin) ** 2 + (scene.b * cos) ** 2) - b,
         )
         part = 0 if k <= n else 1
         if least[part] < 0 or bounds[k] < bounds[least[part]]:
@@ -280,7 +280,7 @@ def _from_centre(
     """Position of an obstacle from the AV's box centre at sample k, cosine and sine of the AV's heading."""
     cos, sin = 1.0, 0.0
     if k <= n and vy[k] != 0.0:
-        speed = np.hypot(vx[k], vy[k])
+        speed = np.sqrt(vx[k] * vx[k] + vy[k] * vy[k])
         cos, sin = vx[k] / speed, vy[k] / speed
     dx = other_x[k] - x[k] + scene.rear_to_centre * (1.0 - cos)
     dy = other_y[k] - y[k] - scene.rear_to_centre * sin

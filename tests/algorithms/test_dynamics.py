@@ -14,7 +14,7 @@ from highd_lc.algorithms.dynamics import (
     violation,
     violations,
 )
-from highd_lc.core.quintic import Quintic, sample
+from highd_lc.core.quintic import Quintic, sample, speed_extrema
 from highd_lc.vocab.settings import ConstraintSettings
 
 LIMIT = Limits(v_min=5.0, v_max=50.0, acceleration=8.0, jerk=8.0)
@@ -83,6 +83,18 @@ def test_many_at_once_are_the_same_as_one_by_one():
         wanted = [violation(T[row], d, c, 25.0, 3.0, LIMIT) for d, c in zip(delta[row], change[row], strict=True)]
         assert found[row].tolist() == wanted
     assert len(np.unique(found)) > 3
+
+
+def test_a_speed_is_refused_without_its_exact_extremum_only_where_that_breaks_the_limit():
+    rng = np.random.default_rng(4)
+    count = 0
+    for T, delta in zip(rng.uniform(3.5, 10, 400), rng.normal(0, 60, 400), strict=True):
+        change = rng.normal(0, 6)
+        low, high = speed_extrema(delta / T**2, change / T, 25.0, 3.0, T)
+        breaks = low < LIMIT.v_min or high > LIMIT.v_max
+        assert (violation(T, delta, change, 25.0, 3.0, LIMIT) == 1 + CONSTRAINTS.index("speed")) == breaks
+        count += breaks
+    assert 50 < count < 350
 
 
 def test_driving_backwards_is_no_way_to_keep_the_lowest_speed():

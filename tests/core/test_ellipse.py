@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from highd_lc.core.ellipse import (
+    _separate_clearance,
     ellipse_clearance,
     ellipses_overlap,
     ellipses_touch,
@@ -68,6 +69,23 @@ def test_the_distance_of_10000_random_pairs():
         found = ellipse_clearance(*centre, heading, *axes)
         assert found <= distance + 1e-9, "optimistic"
         assert found == pytest.approx(distance, abs=1e-6)
+
+
+def test_ellipses_apart_rarely_need_a_search_over_directions():
+    found = []
+    for (dx, dy), heading, axes, _ in pairs_of_known_distance(2_000):
+        course = heading / 10.0
+        quick = _separate_clearance(dx, dy, np.cos(course), np.sin(course), *axes)
+        slow = swept_clearance(dx, dy, dx, dy, course, *axes)
+        if slow > 1e-6:
+            found.append((quick, slow))
+    quick, slow = np.array(found).T
+    settled = np.isfinite(quick)
+    np.testing.assert_allclose(quick[settled], slow[settled], atol=1e-10)
+    assert settled.mean() > 0.9  # 0.95, sizes up to long trucks
+    rng = np.random.default_rng(2)
+    overlapping = [(*rng.uniform(-0.5, 0.5, 2), 1.0, 0.0, *random_sizes(rng)) for _ in range(200)]
+    assert all(np.isnan(_separate_clearance(*pair)) for pair in overlapping)
 
 
 def test_polygons_say_the_same():
