@@ -37,8 +37,9 @@ def hodges_lehmann(values: FloatArray) -> float:
         return np.nan
     x = np.sort(values)
     pairs = len(x) * (len(x) + 1) // 2
-    middle = {(pairs + 1) // 2, pairs // 2 + 1}  # one rank, or the two whose mean is the median
-    return float(np.mean([_pair_mean(x, rank) for rank in middle]))
+    middle = _pair_mean(x, (pairs + 1) // 2)
+    # An even number of pairs: the median is the mean of two that follow each other.
+    return middle if pairs % 2 else 0.5 * (middle + _pair_mean_after(x, pairs // 2, middle))
 
 
 @njit(cache=True, nogil=True)
@@ -47,11 +48,28 @@ def _pair_mean(x: FloatArray, rank: int) -> float:
     low, high = x[0], x[-1]
     for _ in range(80):
         level = 0.5 * (low + high)
+        if not low < level < high:
+            break
         if _pairs_below(x, level) >= rank:
             high = level
         else:
             low = level
     return float(high)
+
+
+@njit(cache=True, nogil=True)
+def _pair_mean_after(x: FloatArray, rank: int, value: float) -> float:
+    """The pair mean of the next rank, given that of a rank; x ascending."""
+    if _pairs_below(x, value) > rank:
+        return value
+    after, j = np.inf, len(x) - 1
+    for i in range(len(x)):
+        while j >= i and x[j] > 2.0 * value - x[i]:
+            j -= 1
+        partner = max(j + 1, i)
+        if partner < len(x):
+            after = min(after, 0.5 * (x[i] + x[partner]))
+    return float(after)
 
 
 @njit(cache=True, nogil=True)

@@ -6,14 +6,16 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 
 from highd_lc.algorithms.population import Bootstrap, ratio_interval, shares
-from highd_lc.io.statistics import PAIR_OF_FORM, PAIR_OF_START_FORM, paired
+from highd_lc.io.statistics import PAIR_OF_FORM, PAIR_OF_START_FORM, PolicyLosses
 from highd_lc.vocab import names
 from highd_lc.vocab.settings import StatisticsSettings
 from highd_lc.vocab.study_tables import FOLLOWER_MODELS, TOGETHER
 from highd_lc.vocab.tables import TABLES
 
+IntArray = NDArray[np.int64]
 Row = dict[str, Any]
 
 SPACING_EDGES = (0.0, 10.0, 20.0, 30.0, 40.0, 60.0, 80.0, 120.0, np.inf)
@@ -27,22 +29,25 @@ def gain_columns(pair: pd.DataFrame, statistics: StatisticsSettings, *, seed: in
     pair: one row an event, with recording_id and av_1, hv_1 (local optimum), av_0, hv_0 (benchmark); NaN where
     there is no plan.
     """
-    solved = pair.dropna(subset=["av_1", "hv_1", "av_0", "hv_0"])
-    local, benchmark = ((solved[f"av_{k}"] + solved[f"hv_{k}"]).to_numpy() for k in (1, 0))
+    recordings = pair["recording_id"].to_numpy()
+    sides = {name: pair[name].to_numpy(float) for name in ("av_1", "hv_1", "av_0", "hv_0")}
+    solved = ~np.isnan(sum(sides.values()))
+    av_1, hv_1, av_0, hv_0 = (values[solved] for values in sides.values())
+    local, benchmark = av_1 + hv_1, av_0 + hv_0
     bootstrap = Bootstrap(statistics.bootstrap, statistics.confidence, seed)
-    ratio = ratio_interval(solved["recording_id"].to_numpy(), local, benchmark, bootstrap)
+    ratio = ratio_interval(recordings[solved], local, benchmark, bootstrap)
     better, worse, _ = shares(local / benchmark - 1.0, statistics.tie_band)
     return {
         "n_events": len(pair),
-        "n_recordings": int(pair["recording_id"].nunique()),
-        "infeasible": len(pair) - len(solved),
+        "n_recordings": len(np.unique(recordings)),
+        "infeasible": int((~solved).sum()),
         "total_benchmark": float(benchmark.sum()),
         "total_local": float(local.sum()),
         "gain": _gain(local.sum(), benchmark.sum()),
         "gain_low": 1.0 - ratio.high,
         "gain_high": 1.0 - ratio.low,
-        "gain_av": _gain(solved["av_1"].sum(), solved["av_0"].sum()),
-        "gain_hv": _gain(solved["hv_1"].sum(), solved["hv_0"].sum()),
+        "gain_av": _gain(av_1.sum(), av_0.sum()),
+        "gain_hv": _gain(hv_1.sum(), hv_0.sum()),
         "share_better": better,
         "share_worse": worse,
     }
@@ -56,11 +61,11 @@ def _frame(name: str, rows: list[Row]) -> pd.DataFrame:
     return pd.DataFrame(rows, columns=list(TABLES[name].column_names))
 
 
-def _pairs(losses: pd.DataFrame) -> Iterator[tuple[Row, pd.DataFrame]]:
+def _pairs(losses: PolicyLosses) -> Iterator[tuple[Row, pd.DataFrame]]:
     """Each form and accounting with the losses of its two policies, one row an event."""
     for form, (benchmark, local) in (PAIR_OF_FORM | PAIR_OF_START_FORM).items():
         for accounting in names.ACCOUNTINGS:
-            pair = paired(losses[losses["accounting"] == accounting], local, benchmark)
+            pair = losses.pair(accounting, local, benchmark)
             if not pair.empty:
                 columns = {f"{side}_{k}": pair[f"loss_{side}_{k}"] for side in _SIDES for k in (1, 0)}
                 each = {f"each_{k}": pair[f"loss_hv_each_{k}"] for k in (1, 0)}
@@ -102,27 +107,34 @@ def _scored_pair(one: pd.DataFrame, other: pd.DataFrame, scored: str, followers:
 
 
 def gain_map(
-    events: pd.DataFrame, losses: pd.DataFrame, statistics: StatisticsSettings, *, seed: int
+    events: pd.DataFrame, losses: PolicyLosses, statistics: StatisticsSettings, *, seed: int
 ) -> pd.DataFrame:
     """Gain in every tile of spacing and speed difference at t_start that holds an event.
 
-    events: see ``statistics.situations``; losses: the artefact. Tiles are closed below and open above.
+    events: see ``statistics.situations``. Tiles are closed below and open above.
     """
     rows = []
     for about, pair in _pairs(losses):
-        at = events.loc[pair.index, ["spacing_m", "closing_mps"]]
-        for spacing in pairwise(SPACING_EDGES):
-            for closing in pairwise(CLOSING_EDGES):
-                inside = within(at["spacing_m"], spacing) & within(at["closing_mps"], closing)
-                if inside.any():
-                    row = about | edges_of(spacing, closing) | {"share_events": float(inside.mean())}
-                    rows.append(row | gain_columns(pair[inside], statistics, seed=seed))
+        for edges, inside in tiles(events.loc[pair.index]):
+            row = about | edges | {"share_events": len(inside) / len(pair)}
+            rows.append(row | gain_columns(pair.iloc[inside], statistics, seed=seed))
     return _frame("gain_map", rows)
 
 
-def within(values: pd.Series, edges: tuple[float, float]) -> pd.Series:
-    """Which values lie between two edges, the lower one included."""
-    return (values >= edges[0]) & (values < edges[1])
+def tiles(events: pd.DataFrame) -> Iterator[tuple[Row, IntArray]]:
+    """The tiles of spacing and speed difference that hold an event: the columns of ``edges_of``, and which events.
+
+    events: see ``statistics.situations``; one whose spacing or speed difference is unknown is in no tile.
+    """
+    at = [
+        np.searchsorted(edges, events[name].to_numpy(float), side="right") - 1
+        for name, edges in (("spacing_m", SPACING_EDGES), ("closing_mps", CLOSING_EDGES))
+    ]
+    for i, spacing in enumerate(pairwise(SPACING_EDGES)):
+        for j, closing in enumerate(pairwise(CLOSING_EDGES)):
+            inside = np.flatnonzero((at[0] == i) & (at[1] == j))
+            if len(inside):
+                yield edges_of(spacing, closing), inside
 
 
 def edges_of(spacing: tuple[float, float], closing: tuple[float, float]) -> Row:
@@ -133,7 +145,7 @@ def edges_of(spacing: tuple[float, float], closing: tuple[float, float]) -> Row:
 
 
 def leave_one_out(
-    events: pd.DataFrame, losses: pd.DataFrame, statistics: StatisticsSettings, *, seed: int
+    events: pd.DataFrame, losses: PolicyLosses, statistics: StatisticsSettings, *, seed: int
 ) -> pd.DataFrame:
     """Gain over all locations but one, for each: whether a single site carries the result.
 
@@ -148,7 +160,7 @@ def leave_one_out(
     return _frame("leave_one_out", rows)
 
 
-def worse_for_somebody(losses: pd.DataFrame, statistics: StatisticsSettings) -> pd.DataFrame:
+def worse_for_somebody(losses: PolicyLosses, statistics: StatisticsSettings) -> pd.DataFrame:
     """Everybody whose loss the local optimum raises by more than the tie band over the benchmark.
 
     Followers one by one, and AV and followers together; the AV alone always pays, by construction.

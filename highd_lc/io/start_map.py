@@ -1,11 +1,11 @@
 """Who waits, where and for what: over spacing and speed difference of the first follower at t_start."""
 
-from itertools import pairwise
 from typing import Any
 
 import pandas as pd
 
-from highd_lc.io.population_tables import CLOSING_EDGES, SPACING_EDGES, edges_of, within
+from highd_lc.io.population_tables import tiles
+from highd_lc.io.statistics import PolicyLosses
 from highd_lc.vocab import names
 from highd_lc.vocab.tables import TABLES
 
@@ -19,10 +19,10 @@ CONTAINED = {
 _LOSSES = ("loss_av", "loss_hv", "loss_total")
 
 
-def start_map(events: pd.DataFrame, plans: pd.DataFrame, losses: pd.DataFrame) -> pd.DataFrame:
+def start_map(events: pd.DataFrame, plans: pd.DataFrame, losses: PolicyLosses) -> pd.DataFrame:
     """Waiting and its price in every tile that holds an event whose start was chosen, and in all of them together.
 
-    events: see ``statistics.situations``; plans, losses: the artefacts. Events count where the policy has a plan
+    events: see ``statistics.situations``; plans: the artefact. Events count where the policy has a plan
     with and without the choice.
     """
     rows = []
@@ -33,24 +33,19 @@ def start_map(events: pd.DataFrame, plans: pd.DataFrame, losses: pd.DataFrame) -
                 continue
             about = {"policy": policy, "accounting": accounting}
             rows.append(about | _tile(pair))
-            at = events.loc[pair.index, ["spacing_m", "closing_mps"]]
-            for spacing in pairwise(SPACING_EDGES):
-                for closing in pairwise(CLOSING_EDGES):
-                    inside = within(at["spacing_m"], spacing) & within(at["closing_mps"], closing)
-                    if inside.any():
-                        share = {"share_events": float(inside.mean())}
-                        rows.append(about | edges_of(spacing, closing) | _tile(pair[inside]) | share)
+            for edges, inside in tiles(events.loc[pair.index]):
+                share = {"share_events": len(inside) / len(pair)}
+                rows.append(about | edges | _tile(pair.iloc[inside]) | share)
     return pd.DataFrame(rows, columns=list(TABLES["start_map"].column_names))
 
 
-def _pair(plans: pd.DataFrame, losses: pd.DataFrame, policy: str, contained: str, accounting: str) -> pd.DataFrame:
-    of = [table[table["accounting"] == accounting] for table in (plans, losses)]
-    start = of[0][of[0]["policy"] == policy].set_index("event_id")[["delay_s", "gap", "objective"]]
-    without = of[0][of[0]["policy"] == contained].set_index("event_id")[["objective"]]
-    pair = start.join(without.add_suffix("_0"), how="inner")
+def _pair(plans: pd.DataFrame, losses: PolicyLosses, policy: str, contained: str, accounting: str) -> pd.DataFrame:
+    of_accounting = plans[plans["accounting"] == accounting]
+    start, without = (of_accounting[of_accounting["policy"] == name] for name in (policy, contained))
+    pair = start.set_index("event_id")[["delay_s", "gap", "objective"]]
+    pair = pair.join(without.set_index("event_id")[["objective"]].add_suffix("_0"), how="inner")
     for suffix, name in (("", policy), ("_0", contained)):
-        own = of[1][of[1]["policy"] == name].set_index("event_id")[list(_LOSSES)]
-        pair = pair.join(own.add_suffix(suffix), how="inner")
+        pair = pair.join(losses.of(accounting, name)[list(_LOSSES)].add_suffix(suffix), how="inner")
     return pair.dropna(subset=["objective", "objective_0"])
 
 

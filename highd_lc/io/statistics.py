@@ -62,6 +62,11 @@ _QUANTITIES = (
     "max_drac",
     "peak_follower_decel",
 )
+_CELL_COLUMNS = (
+    "recording_id_1",
+    "somebody_worse",
+    *(f"loss_{side}_{k}" for side in ("total", "hv", "av") for k in (1, 0)),
+)
 _SPACINGS = ((0, 15), (15, 30), (30, 60), (60, np.inf))
 _CLOSING = ((-np.inf, -2), (-2, 2), (2, np.inf))
 _SPEEDS = ((0, 15), (15, 25), (25, 33), (33, np.inf))
@@ -129,42 +134,54 @@ def _range(low: float, high: float) -> str:
 
 
 def validation_matrix(
-    events: pd.DataFrame, losses: pd.DataFrame, settings: StatisticsSettings, *, seed: int
+    events: pd.DataFrame, losses: "PolicyLosses", settings: StatisticsSettings, *, seed: int
 ) -> pd.DataFrame:
     """Gain of the local optimum over the benchmark in every cell: form x accounting x stratum.
 
-    events: see ``strata``, indexed by event_id; losses: the artefact. Events without a feasible plan of either
+    events: see ``strata``, indexed by event_id. Events without a feasible plan of either
     policy count in n_events and infeasible, not in the totals; events that could not be planned at all (listed as
     problems of the run), or whose start was not chosen, count nowhere.
     """
     bootstrap = Bootstrap(settings.bootstrap, settings.confidence, seed)
+    members = strata(events)
     rows = []
     for form, (benchmark, local) in (PAIR_OF_FORM | PAIR_OF_START_FORM).items():
         for accounting in names.ACCOUNTINGS:
-            chosen = losses[losses["accounting"] == accounting]
-            pair = paired(chosen, local, benchmark)
+            pair = losses.pair(accounting, local, benchmark)
             if pair.empty:
                 continue
-            pair = _with_somebody_worse(pair, settings.tie_band)
-            human = chosen[chosen["policy"] == names.HUMAN].set_index("event_id")
-            for stratum, members in strata(events).items():
-                inside = members.index[members].intersection(pair.index, sort=False)
-                if inside.empty:
-                    continue
-                of_stratum = pair.reindex(inside)
-                row = {"form": form, "accounting": accounting, "stratum": stratum}
-                observed = _share_observed(human.reindex(inside))
-                rows.append(row | _cell(of_stratum, bootstrap, settings.tie_band) | {"share_observed": observed})
+            pair = _with_somebody_worse(pair, settings.tie_band)[list(_CELL_COLUMNS)]
+            human = losses.of(accounting, names.HUMAN).reindex(pair.index)
+            for stratum, inside in members.items():
+                chosen = inside.reindex(pair.index).to_numpy(bool)
+                if chosen.any():
+                    row = {"form": form, "accounting": accounting, "stratum": stratum}
+                    row |= _cell(pair[chosen], bootstrap, settings.tie_band)
+                    rows.append(row | {"share_observed": _share_observed(human, chosen)})
     return pd.DataFrame(rows, columns=list(TABLES["validation_matrix"].column_names))
 
 
-def paired(losses: pd.DataFrame, policy: str, against: str) -> pd.DataFrame:
-    """One row an event: the losses of both policies side by side, suffixes _1 (policy) and _0 (against)."""
-    one = losses[losses["policy"] == policy].set_index("event_id")
-    other = losses[losses["policy"] == against].set_index("event_id")
-    if one.empty or other.empty:
-        return pd.DataFrame()
-    return one.add_suffix("_1").join(other.add_suffix("_0"), how="inner")
+class PolicyLosses:
+    """The losses of a population, split by accounting and policy once. losses: the artefact."""
+
+    def __init__(self, losses: pd.DataFrame) -> None:
+        self._columns = losses.columns.drop("event_id")
+        self._of = {
+            (str(accounting), str(policy)): rows.set_index("event_id")
+            for (accounting, policy), rows in losses.groupby(["accounting", "policy"], sort=False)
+        }
+
+    def of(self, accounting: str, policy: str) -> pd.DataFrame:
+        """One row an event, indexed by event_id; none where the policy was not planned."""
+        found = self._of.get((accounting, policy))
+        return pd.DataFrame(columns=self._columns) if found is None else found
+
+    def pair(self, accounting: str, policy: str, against: str) -> pd.DataFrame:
+        """The losses of both policies side by side, suffixes _1 (policy) and _0 (against)."""
+        one, other = self.of(accounting, policy), self.of(accounting, against)
+        if one.empty or other.empty:
+            return pd.DataFrame()
+        return one.add_suffix("_1").join(other.add_suffix("_0"), how="inner")
 
 
 def _with_worst_follower(pair: pd.DataFrame) -> pd.DataFrame:
@@ -198,7 +215,7 @@ def _padded(lists: pd.Series) -> FloatArray:
 
 
 def _cell(pair: pd.DataFrame, bootstrap: Bootstrap, band: float) -> dict[str, Any]:
-    solved = pair[pair["loss_total_1"].notna() & pair["loss_total_0"].notna()]
+    solved = pair[pair["loss_total_1"].notna().to_numpy() & pair["loss_total_0"].notna().to_numpy()]
     local, benchmark = solved["loss_total_1"].to_numpy(), solved["loss_total_0"].to_numpy()
     relative = local / benchmark - 1.0
     recordings = solved["recording_id_1"].to_numpy()
@@ -224,10 +241,11 @@ def _cell(pair: pd.DataFrame, bootstrap: Bootstrap, band: float) -> dict[str, An
     }
 
 
-def _share_observed(human: pd.DataFrame) -> float:
+def _share_observed(human: pd.DataFrame, chosen: NDArray[np.bool_]) -> float:
     """Share of the follower samples charged to the human's motion in which the follower was in view."""
-    charged = human["follower_n_samples"].sum()
-    return float(human["recorded_n_samples"].sum() / charged) if charged else np.nan
+    charged, seen = (human[f"{name}_n_samples"].to_numpy()[chosen] for name in ("follower", "recorded"))
+    total = np.nansum(charged)
+    return float(np.nansum(seen) / total) if total else np.nan
 
 
 def _gain(pair: pd.DataFrame, column: str) -> float:
@@ -241,15 +259,15 @@ def _with_somebody_worse(pair: pd.DataFrame, band: float) -> pd.DataFrame:
     return pair.assign(somebody_worse=(one > other * (1.0 + band)).any(axis=1))
 
 
-def summarise_losses(losses: pd.DataFrame, settings: StatisticsSettings, *, seed: int) -> pd.DataFrame:
+def summarise_losses(losses: PolicyLosses, settings: StatisticsSettings, *, seed: int) -> pd.DataFrame:
     """Paired differences of policies in every loss and safety column, under every accounting."""
     bootstrap = Bootstrap(settings.bootstrap, settings.confidence, seed)
     rows = [
         {"policy": policy, "against": against, "accounting": accounting, **row}
-        for accounting, chosen in losses.groupby("accounting", sort=True)
+        for accounting in sorted(names.ACCOUNTINGS)
         for policy, against in _COMPARED
         for row in _differences(
-            _with_worst_follower(paired(chosen, policy, against)), bootstrap, settings.tie_band
+            _with_worst_follower(losses.pair(accounting, policy, against)), bootstrap, settings.tie_band
         )
     ]
     return pd.DataFrame(rows, columns=list(TABLES["summary_losses"].column_names))
@@ -257,17 +275,18 @@ def summarise_losses(losses: pd.DataFrame, settings: StatisticsSettings, *, seed
 
 def _differences(pair: pd.DataFrame, bootstrap: Bootstrap, band: float) -> Iterator[dict[str, Any]]:
     for quantity in _QUANTITIES if not pair.empty else ():
-        both = pair[[f"{quantity}_1", f"{quantity}_0", "recording_id_1"]].dropna()
-        one, other = both[f"{quantity}_1"].to_numpy(float), both[f"{quantity}_0"].to_numpy(float)
-        if not len(both):
+        one, other = (pair[f"{quantity}_{k}"].to_numpy(float) for k in (1, 0))
+        both = ~(np.isnan(one) | np.isnan(other))
+        if not both.any():
             continue
+        one, other, recordings = one[both], other[both], pair["recording_id_1"].to_numpy()[both]
         difference = one - other
         scale = np.where(np.abs(other) > 0.0, np.abs(other), 1.0)
         better, worse, tied = shares(difference / scale, band)
-        interval = mean_interval(both["recording_id_1"].to_numpy(), difference, bootstrap)
+        interval = mean_interval(recordings, difference, bootstrap)
         yield {
             "quantity": quantity,
-            "n": len(both),
+            "n": len(difference),
             "mean": float(one.mean()),
             "mean_against": float(other.mean()),
             "ratio_of_sums": _ratio(one, other),

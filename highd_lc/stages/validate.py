@@ -25,7 +25,7 @@ from highd_lc.io.population_tables import (
 )
 from highd_lc.io.scenes import scene_makers
 from highd_lc.io.start_map import start_map
-from highd_lc.io.statistics import situations, summarise_losses, validation_matrix
+from highd_lc.io.statistics import PolicyLosses, situations, summarise_losses, validation_matrix
 from highd_lc.io.tracking_table import tracking_summary
 from highd_lc.stages.validate_pareto import pareto_rows
 from highd_lc.stages.validate_samples import Samples, samples
@@ -246,7 +246,7 @@ def combine(combination: Combination) -> JobReport:
 def _population(combination: Combination, events: pd.DataFrame) -> Iterator[tuple[str, pd.DataFrame]]:
     """The population's tables by name."""
     work, settings, seed = combination.work, combination.settings.validation.statistics, combination.settings.seed
-    losses = artefacts.read(work, "losses")
+    losses = PolicyLosses(artefacts.read(work, "losses"))
     yield "validation_matrix", validation_matrix(events, losses, settings, seed=seed)
     yield "summary_losses", summarise_losses(losses, settings, seed=seed)
     yield "worse_for_somebody", worse_for_somebody(losses, settings)

@@ -41,7 +41,7 @@ def summary() -> pd.DataFrame:
             names.NO_LANE_CHANGE: [[1.0, 1.0], [1.0], [1.0]],
         },
     )
-    found = statistics.summarise_losses(losses, SETTINGS, seed=1)
+    found = statistics.summarise_losses(statistics.PolicyLosses(losses), SETTINGS, seed=1)
     return found.set_index(["policy", "against", "quantity"]).sort_index()
 
 

@@ -12,6 +12,7 @@ from highd_lc.io.population_tables import (
     solver_summary,
     worse_for_somebody,
 )
+from highd_lc.io.statistics import PolicyLosses
 from highd_lc.vocab import names
 from highd_lc.vocab.settings import StatisticsSettings
 from highd_lc.vocab.tables import TABLES
@@ -56,7 +57,7 @@ def made_events() -> pd.DataFrame:
 
 
 def test_gain_map_counts_every_event_once_and_knows_its_density():
-    tiles = gain_map(made_events(), made_losses(), STATISTICS, seed=1)
+    tiles = gain_map(made_events(), PolicyLosses(made_losses()), STATISTICS, seed=1)
     for _, of_cell in tiles.groupby(["form", "accounting"]):
         assert of_cell["n_events"].sum() == len(IDS)
         assert of_cell["share_events"].sum() == pytest.approx(1.0)
@@ -69,7 +70,9 @@ def test_gain_map_counts_every_event_once_and_knows_its_density():
 
 
 def test_leaving_a_location_out_leaves_the_others():
-    left = leave_one_out(made_events(), made_losses(), STATISTICS, seed=1).set_index(["accounting", "location_id"])
+    left = leave_one_out(made_events(), PolicyLosses(made_losses()), STATISTICS, seed=1).set_index(
+        ["accounting", "location_id"]
+    )
     row = left.loc[(names.EQUAL, 6)]
     assert (row["n_left_out"], row["n_events"], row["n_recordings"]) == (5, 15, 3)
     assert left.loc[(names.EQUAL, 1), "n_events"] == 5
@@ -77,7 +80,7 @@ def test_leaving_a_location_out_leaves_the_others():
 
 
 def test_worse_for_somebody_lists_the_follower_who_pays_and_nobody_else():
-    worse = worse_for_somebody(made_losses(), STATISTICS)
+    worse = worse_for_somebody(PolicyLosses(made_losses()), STATISTICS)
     assert set(worse["event_id"]) == {IDS[3]}
     assert set(worse["who"]) == {names.target_follower(2)}
     assert worse["increase"].to_numpy() == pytest.approx(0.25)
@@ -87,7 +90,7 @@ def test_worse_for_somebody_lists_the_follower_who_pays_and_nobody_else():
 def test_a_total_that_grows_is_listed_too():
     losses = made_losses()
     losses.loc[losses["policy"] == names.LOCAL_OPTIMUM, "loss_av"] += 5.0
-    worse = worse_for_somebody(losses, STATISTICS)
+    worse = worse_for_somebody(PolicyLosses(losses), STATISTICS)
     assert set(worse.loc[worse["who"] == "together", "event_id"]) == set(IDS) - {INFEASIBLE}
 
 

@@ -6,6 +6,7 @@ import pytest
 
 from highd_lc.io.foresight_table import foresight_summary
 from highd_lc.io.start_map import start_map
+from highd_lc.io.statistics import PolicyLosses
 from highd_lc.vocab import names
 from highd_lc.vocab.settings import StatisticsSettings
 
@@ -33,7 +34,7 @@ def tables():
 
 def test_tiles_and_totals():
     table = tables()
-    found = start_map(EVENTS, table, table)
+    found = start_map(EVENTS, table, PolicyLosses(table))
     whole = found[found["spacing_low_m"].isna()].iloc[0]
     assert (whole["n_events"], whole["share_events"]) == (3, 1.0)
     assert whole["share_waiting"] == pytest.approx(2 / 3)
@@ -48,8 +49,8 @@ def test_tiles_and_totals():
 
 def test_without_starts_there_are_no_rows():
     table = tables()
-    assert start_map(EVENTS, table, table[table["policy"] == names.BENCHMARK]).empty
-    assert start_map(EVENTS, table[table["policy"] == names.BENCHMARK], table).empty
+    assert start_map(EVENTS, table, PolicyLosses(table[table["policy"] == names.BENCHMARK])).empty
+    assert start_map(EVENTS, table[table["policy"] == names.BENCHMARK], PolicyLosses(table)).empty
 
 
 def test_plans_that_touch_or_do_not_exist_are_counted_and_not_charged():
