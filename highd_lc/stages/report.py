@@ -79,7 +79,7 @@ def run(job: Job, *, request: ReportRequest) -> JobReport:
     """Make the pages and pictures of a recording's events, and the part ``event_pages`` that the index draws."""
     tables = read_tables(job)
     rows = []
-    scenes = load_scenes(job.work, job.recording, job.settings.validation)
+    scenes = load_scenes(tables.scenes, job.settings.validation)
     for k, (event, scene) in enumerate(zip(tables.events, scenes, strict=True)):
         if request.events is None or event["event_id"] in request.events:
             report = event_report(event, tables, scene, job.settings.validation)
