@@ -1,6 +1,7 @@
 """Report: a page and a picture of each event, then the pages of the whole run."""
 
 import re
+from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 
@@ -14,6 +15,7 @@ from highd_lc.reporting.event import PAIRS, EventReport
 from highd_lc.reporting.figures_event import VECTOR_FORMATS, EventPainter, event_vector
 from highd_lc.reporting.pages_event import Links, event_page
 from highd_lc.reporting.pages_index import SPARK_SECONDS
+from highd_lc.stages import collector
 from highd_lc.stages.crosslinks import has_scenarios, link_to_report
 from highd_lc.stages.event_report import RecordingTables, event_report, read_tables
 from highd_lc.stages.overview_pages import overview_pages
@@ -77,19 +79,24 @@ def top_events(work: Path, count: int) -> frozenset[str]:
 
 def run(job: Job, *, request: ReportRequest) -> JobReport:
     """Make the pages and pictures of a recording's events, and the part ``event_pages`` that the index draws."""
+    with collector.put_off():
+        rows = list(_event_pages(job, request))
+    if request.events is None:
+        frame = pd.DataFrame(rows, columns=list(TABLES["event_pages"].column_names))
+        artefacts.write_part(job, STAGE, "event_pages", frame)
+    return JobReport({"pages": len(rows), "pictures": sum(row["png"] for row in rows)})
+
+
+def _event_pages(job: Job, request: ReportRequest) -> Iterator[dict[str, object]]:
+    """Write the pages and pictures of a recording's events; yields the row of ``event_pages`` of each."""
     tables = read_tables(job)
-    rows = []
     scenes = load_scenes(tables.scenes, job.settings.validation)
     for k, (event, scene) in enumerate(zip(tables.events, scenes, strict=True)):
         if request.events is None or event["event_id"] in request.events:
             report = event_report(event, tables, scene, job.settings.validation)
             links = _links(tables, k, request)
             _write_event(report, links, request=request, raw=job.settings.report.raw)
-            rows.append(_page_row(report, job, links))
-    if request.events is None:
-        frame = pd.DataFrame(rows, columns=list(TABLES["event_pages"].column_names))
-        artefacts.write_part(job, STAGE, "event_pages", frame)
-    return JobReport({"pages": len(rows), "pictures": sum(row["png"] for row in rows)})
+            yield _page_row(report, job, links)
 
 
 def _links(tables: RecordingTables, k: int, request: ReportRequest) -> Links:
