@@ -25,6 +25,7 @@ _MISSING: Final = "–"
 # Formats made beforehand: there are 800 numbers on an event's page.
 _FIXED: Final = tuple(f"%.{digits}f" for digits in range(12))
 _NEXT_CELL: Final = '</td><td class="n">'
+_BETWEEN: Final = "\n"
 _SCRIPT_ESCAPES: Final = {
     ord("<"): "\\u003c",
     ord(">"): "\\u003e",
@@ -66,10 +67,8 @@ def _environment() -> Environment:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters.update(
-        number=number, percent=percent, cells=cells, bars=bars, json=json_script, role=labels.role
-    )
-    environment.globals.update(style=style, script=script, labels=labels, policy_head=policy_head)
+    environment.filters.update(number=number, percent=percent, json=json_script, role=labels.role)
+    environment.globals.update(style=style, script=script, labels=labels)
     environment.globals.update(pages=PAGES, crosslink=TO_SCENARIOS.room)
     return environment
 
@@ -95,10 +94,29 @@ def percent(value: Any, digits: int = 2) -> str:
 def cells(values: Iterable[Any], digits: int | None = None) -> Markup:
     """Table cells of numbers, or of (number, digits) pairs: one string, which is many times faster than a loop."""
     if digits is None:
-        texts = [number(value, places) for value, places in values]
+        pairs = list(values)
+        found, places = tuple([value for value, _ in pairs]), tuple([places for _, places in pairs])
     else:
-        texts = [number(value, digits) for value in values]
-    return Markup(f'<td class="n">{_NEXT_CELL.join(texts)}</td>') if texts else Markup("")
+        found = tuple(values)
+        places = (digits,) * len(found)
+    return Markup(f'<td class="n">{_NEXT_CELL.join(_numbers(found, places))}</td>') if found else Markup("")
+
+
+def _numbers(values: tuple[Any, ...], places: tuple[int, ...]) -> list[str]:
+    """``number`` of each value: all in one go, then again those with a sign, or without a number."""
+    try:
+        texts = (_together(places) % values).split(_BETWEEN)
+    except TypeError:  # None, NA
+        return [number(value, digits) for value, digits in zip(values, places, strict=True)]
+    for k, text in enumerate(texts):
+        if text[0] == "-" or text[-1] in "nf":
+            texts[k] = number(values[k], places[k])
+    return texts
+
+
+@cache
+def _together(places: tuple[int, ...]) -> str:
+    return _BETWEEN.join(_FIXED[digits] for digits in places)
 
 
 @cache
