@@ -15,6 +15,7 @@ from typing import Any, Final
 import matplotlib
 from jinja2 import Environment, PackageLoader, StrictUndefined, Template
 from markupsafe import Markup
+from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 
 from highd_lc.reporting import drawing, labels
@@ -172,6 +173,7 @@ def inline_svg(figure: Figure, alternative: str) -> Markup:
     """
     sink = io.StringIO()
     with matplotlib.rc_context({"svg.fonttype": "none", "svg.hashsalt": "highd_lc"}):
+        _lay_out(figure)
         figure.savefig(sink, format="svg", transparent=True, metadata=_NO_METADATA)
     text = sink.getvalue()
     text = text[text.index("<svg") :]
@@ -179,6 +181,16 @@ def inline_svg(figure: Figure, alternative: str) -> Markup:
         text = text.replace(colour, variable)
     head = Markup('<svg role="img" aria-label="{}" ').format(alternative)
     return Markup(text.replace("<svg ", str(head), 1))
+
+
+def _lay_out(figure: Figure) -> None:
+    """Place a figure's axes once and for all: ``savefig`` would draw everything for it, only to draw it again."""
+    engine = figure.get_layout_engine()
+    if engine is not None:
+        FigureCanvasSVG(figure)
+        figure.dpi = 72  # which the format is made for, whatever is asked for
+        engine.execute(figure)
+        figure.set_layout_engine("none")
 
 
 @cache
