@@ -59,24 +59,23 @@ def per_accounting(rows: Iterable[Row], make: Callable[[list[Row]], Any]) -> dic
 
 def loss_rows(report: EventReport, rows: list[Row]) -> list[dict[str, Any]]:
     """The table of losses under an accounting: cells, bars, and each follower's loss."""
-    known = [_halves(row) for row in rows if not html.is_missing(row["loss_total"])]
-    longest = max((sum(halves) for halves in known), default=0.0)
-    return [_loss_row(report, row, longest) for row in rows]
+    halves = [None if html.is_missing(row["loss_total"]) else _halves(row) for row in rows]
+    longest = max((sum(known) for known in halves if known is not None), default=0.0)
+    return [_loss_row(report, row, known, longest) for row, known in zip(rows, halves, strict=True)]
 
 
 def _halves(row: Row) -> list[float]:
     return [0.0 if html.is_missing(row[name]) else 0.5 * float(row[name]) for _, name in _BARS]
 
 
-def _loss_row(report: EventReport, row: Row, longest: float) -> dict[str, Any]:
-    missing = html.is_missing(row["loss_total"])
+def _loss_row(report: EventReport, row: Row, halves: list[float] | None, longest: float) -> dict[str, Any]:
     plan = report.plan(row["policy"], row["accounting"])
     each = [] if row["loss_hv_each"] is None else list(row["loss_hv_each"])
     padded = each + [None] * (report.n_followers - len(each))
     bars = (
         []
-        if missing or not longest
-        else [(kind, round(100 * half / longest, 2)) for (kind, _), half in zip(_BARS, _halves(row), strict=True)]
+        if halves is None or not longest
+        else [(kind, round(100 * half / longest, 2)) for (kind, _), half in zip(_BARS, halves, strict=True)]
     )
     return {
         "policy": row["policy"],

@@ -94,13 +94,18 @@ def percent(value: Any, digits: int = 2) -> str:
 
 def cells(values: Iterable[Any], digits: int | None = None) -> Markup:
     """Table cells of numbers, or of (number, digits) pairs: one string, which is many times faster than a loop."""
+    return Markup(cells_text(values, digits))
+
+
+def cells_text(values: Iterable[Any], digits: int | None = None) -> str:
+    """``cells`` for a text that is put together from many: marked as safe once, when it is whole."""
     if digits is None:
         pairs = list(values)
         found, places = tuple([value for value, _ in pairs]), tuple([places for _, places in pairs])
     else:
         found = tuple(values)
         places = (digits,) * len(found)
-    return Markup(f'<td class="n">{_NEXT_CELL.join(_numbers(found, places))}</td>') if found else Markup("")
+    return f'<td class="n">{_NEXT_CELL.join(_numbers(found, places))}</td>' if found else ""
 
 
 def _numbers(values: tuple[Any, ...], places: tuple[int, ...]) -> list[str]:
@@ -127,10 +132,10 @@ def policy_head(policy: str) -> Markup:
     return Markup(text).format(policy, labels.POLICIES[policy].label)
 
 
-def bars(shares: Iterable[tuple[str, float]]) -> Markup:
-    """Stacked bars of (kind, share in percent): one string, as ``cells``."""
-    return Markup(
-        "".join(f'<span style="width: {share}%; background: var(--{kind})"></span>' for kind, share in shares)
+def bars_text(shares: Iterable[tuple[str, float]]) -> str:
+    """Stacked bars of (kind, share in percent), as ``cells_text``."""
+    return "".join(
+        [f'<span style="width: {share}%; background: var(--{kind})"></span>' for kind, share in shares]
     )
 
 

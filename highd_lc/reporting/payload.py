@@ -169,8 +169,8 @@ def _surface(surface: Surface, report: EventReport) -> dict[str, Any]:
     arrays = list({id(a): a for side in (surface.loss_av, surface.loss_hv) for a in side.values()}.values())
     place = {id(a): k for k, a in enumerate(arrays)}
     return {
-        "T": [round(float(T), 2) for T in surface.T],
-        "x": [round(float(x), 2) for x in surface.x_offset],
+        "T": [round(T, 2) for T in surface.T.tolist()],
+        "x": [round(x, 2) for x in surface.x_offset.tolist()],
         "points": _points(report),
         "arrays": [_levels(a) for a in arrays],
         "losses": {
@@ -197,10 +197,11 @@ def _points(report: EventReport) -> list[list[Any]]:
 
 def _levels(values: FloatArray) -> dict[str, Any]:
     """A surface as 16-bit levels between its smallest and largest value; the last level is "unknown"."""
-    known = values[np.isfinite(values)]
+    finite = np.isfinite(values)
+    known = values[finite]
     low, high = (float(known.min()), float(known.max())) if known.size else (0.0, 1.0)
     scale = (high - low) / _LEVELS or 1.0
-    levels = np.where(np.isfinite(values), np.rint((values - low) / scale), _UNKNOWN)
+    levels = np.where(finite, np.rint((values - low) / scale), _UNKNOWN)
     data = base64.b64encode(np.nan_to_num(levels, nan=_UNKNOWN).astype("<u2").tobytes()).decode("ascii")
     return {"low": round(low, 4), "scale": float(f"{scale:.6g}"), "data": data}
 

@@ -17,7 +17,7 @@ from highd_lc.reporting.pages_event import Links, event_page
 from highd_lc.reporting.pages_index import SPARK_SECONDS
 from highd_lc.stages import collector
 from highd_lc.stages.crosslinks import has_scenarios, link_to_report
-from highd_lc.stages.event_report import RecordingTables, event_report, read_tables
+from highd_lc.stages.event_report import event_report, read_tables
 from highd_lc.stages.overview_pages import overview_pages
 from highd_lc.vocab import names
 from highd_lc.vocab.errors import UsageError
@@ -90,17 +90,18 @@ def run(job: Job, *, request: ReportRequest) -> JobReport:
 def _event_pages(job: Job, request: ReportRequest) -> Iterator[dict[str, object]]:
     """Write the pages and pictures of a recording's events; yields the row of ``event_pages`` of each."""
     tables = read_tables(job)
+    ids = [str(event["event_id"]) for event in tables.events]
     scenes = load_scenes(tables.scenes, job.settings.validation)
     for k, (event, scene) in enumerate(zip(tables.events, scenes, strict=True)):
         if request.events is None or event["event_id"] in request.events:
             report = event_report(event, tables, scene, job.settings.validation)
-            links = _links(tables, k, request)
+            links = _links(ids, k, request)
             _write_event(report, links, request=request, raw=job.settings.report.raw)
             yield _page_row(report, job, links)
 
 
-def _links(tables: RecordingTables, k: int, request: ReportRequest) -> Links:
-    ids = [str(event["event_id"]) for event in tables.events]
+def _links(ids: list[str], k: int, request: ReportRequest) -> Links:
+    """What the page of the k-th of a recording's events links to."""
     picture = request.pictures is None or ids[k] in request.pictures
     return Links(
         previous=ids[k - 1] if k > 0 and request.events is None else None,
