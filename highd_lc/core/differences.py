@@ -33,9 +33,7 @@ def known_spans(values: FloatArray) -> tuple[IntArray, FloatArray]:
 
 
 @njit(cache=True, nogil=True)
-def level_differences(
-    values: FloatArray, spans: IntArray, steps: FloatArray
-) -> tuple[IntArray, NDArray[np.int8]]:
+def level_differences(values: FloatArray, spans: IntArray, steps: FloatArray) -> tuple[IntArray, NDArray[np.int8]]:
     """The first level of each channel, shape (m,), and the differences of all, one channel after the other.
 
     values, spans: see ``known_spans``; steps: of the levels, shape (m,), so large that every difference fits a

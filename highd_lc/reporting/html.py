@@ -134,9 +134,7 @@ def policy_head(policy: str) -> Markup:
 
 def bars_text(shares: Iterable[tuple[str, float]]) -> str:
     """Stacked bars of (kind, share in percent), as ``cells_text``."""
-    return "".join(
-        [f'<span style="width: {share}%; background: var(--{kind})"></span>' for kind, share in shares]
-    )
+    return "".join([f'<span style="width: {share}%; background: var(--{kind})"></span>' for kind, share in shares])
 
 
 def is_missing(value: Any) -> bool:

@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Iterator
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 
 import numpy as np
@@ -18,10 +18,10 @@ from highd_lc.reporting.pages_index import SPARK_SECONDS
 from highd_lc.stages import collector
 from highd_lc.stages.crosslinks import has_scenarios, link_to_report
 from highd_lc.stages.event_report import event_report, read_tables
-from highd_lc.stages.overview_pages import overview_pages
+from highd_lc.stages.overview_pages import OVERVIEW_PAGES, Overview, page_of
 from highd_lc.vocab import names
 from highd_lc.vocab.errors import UsageError
-from highd_lc.vocab.job import Combination, Job, JobReport, ReportRequest
+from highd_lc.vocab.job import CarryOut, Combination, Job, JobReport, ReportRequest, one_by_one
 from highd_lc.vocab.settings import ReportSettings
 from highd_lc.vocab.tables import TABLES
 
@@ -162,17 +162,20 @@ def _spark(report: EventReport, policy: str) -> list[float]:
     return [round(float(v), 2) for v in play.followers[0].v[samples]]
 
 
-def combine(combination: Combination, *, request: ReportRequest) -> JobReport:
+def combine(combination: Combination, *, request: ReportRequest, carry_out: CarryOut = one_by_one) -> JobReport:
     """Make the index and the overview pages from the finished artefacts of the whole run.
 
     Pages of single events leave them as they are. Scenarios beside the report are linked, there and back.
+    carry_out: makes the pages, side by side where it can.
     """
     if request.events is not None:
         return JobReport()
     work, raw = combination.work, combination.settings.report.raw
     statistics = combination.settings.validation.statistics
     artefacts.concatenate(work, STAGE, "event_pages", combination.recordings, combination.provenance)
-    pages = {name: page.encode("utf-8") for name, page in overview_pages(work, raw=raw, statistics=statistics)}
+    overview = Overview(work, raw, statistics)
+    made = carry_out([partial(page_of, name, overview) for name in OVERVIEW_PAGES])
+    pages = dict(zip(OVERVIEW_PAGES, made, strict=True))
     scenarios = has_scenarios(request.reports)
     for name, page in pages.items():
         _write(request.reports / name, TO_SCENARIOS.opened(page) if scenarios else page)
