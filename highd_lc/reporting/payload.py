@@ -202,7 +202,7 @@ def _levels(values: FloatArray) -> dict[str, Any]:
     low, high = (float(known.min()), float(known.max())) if known.size else (0.0, 1.0)
     scale = (high - low) / _LEVELS or 1.0
     levels = np.where(finite, np.rint((values - low) / scale), _UNKNOWN)
-    data = base64.b64encode(np.nan_to_num(levels, nan=_UNKNOWN).astype("<u2").tobytes()).decode("ascii")
+    data = base64.b64encode(levels.astype("<u2").tobytes()).decode("ascii")
     return {"low": round(low, 4), "scale": float(f"{scale:.6g}"), "data": data}
 
 

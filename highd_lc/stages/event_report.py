@@ -90,7 +90,7 @@ def event_report(event: Row, tables: RecordingTables, scene: Scene, settings: Va
     """Everything that the page of an event shows."""
     event_id = str(event["event_id"])
     tracks = tables.tracks[event_id]
-    paths = _paths(tracks, PERIOD * np.arange(round(settings.loss.horizon_s / PERIOD) + 1))
+    grid = PERIOD * np.arange(round(settings.loss.horizon_s / PERIOD) + 1)
     divider = _divider(event, tracks[names.EGO])
     of_event = {name: rows.get(event_id, ()) for name, rows in tables.rows.items()}
     problem = planner.pose(scene, settings)
@@ -104,7 +104,7 @@ def event_report(event: Row, tables: RecordingTables, scene: Scene, settings: Va
         boxes=boxes,
         others={role: Path(m.x, m.y, m.v, m.a) for role, m in surrounding(scene).items()},
         observed={role: m.observed for role, m in surrounding(scene).items()},
-        plays=(*policy_plays(problem, of_event["plans"]), _recorded_play(event, paths)),
+        plays=(*policy_plays(problem, of_event["plans"]), _recorded_play(event, tracks, grid)),
         plans=of_event["plans"],
         losses=of_event["losses"],
         fits=of_event["followers"],
@@ -114,10 +114,6 @@ def event_report(event: Row, tables: RecordingTables, scene: Scene, settings: Va
         surface=surface_of(problem, of_event["plans"]),
         provenance=tables.provenance,
     )
-
-
-def _paths(tracks: Tracks, grid: FloatArray) -> dict[str, Path]:
-    return {role: _path(track, grid) for role, track in tracks.items()}
 
 
 def _path(track: Track, grid: FloatArray) -> Path:
@@ -139,8 +135,8 @@ def _markings(event: Row, tables: RecordingTables, divider: float) -> tuple[floa
     return tuple((markings - markings[crossed] + divider).tolist())
 
 
-def _recorded_play(event: Row, paths: Mapping[str, Path]) -> Play:
-    ego = paths[names.EGO]
+def _recorded_play(event: Row, tracks: Tracks, grid: FloatArray) -> Play:
+    ego = _path(tracks[names.EGO], grid)
     ranks = range(1, len(event["follower_ids"]) + 1)
     return Play(
         policy=labels.RECORDED,
@@ -148,6 +144,6 @@ def _recorded_play(event: Row, paths: Mapping[str, Path]) -> Play:
         T=float(event["duration_s"]),
         ego=ego,
         jerk=np.full(ego.x.size, np.nan),
-        followers=tuple(paths[names.target_follower(rank)] for rank in ranks),
+        followers=tuple(_path(tracks[names.target_follower(rank)], grid) for rank in ranks),
         measured=True,
     )
