@@ -16,7 +16,7 @@ import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from highd_lc.io import atomic, value_checks
+from highd_lc.io import atomic, row_groups, value_checks
 from highd_lc.vocab.errors import ArtefactError
 from highd_lc.vocab.job import Job, Provenance
 from highd_lc.vocab.tables import SCHEMA_VERSION, TABLES, Column, Table
@@ -205,7 +205,7 @@ def read_file(
     filters = [*where] if recording is None else [("recording_id", "==", recording), *where]
     try:
         provenance_of(path)
-        table = _row_groups(path, recording, columns) if recording is not None and not where else None
+        table = row_groups.of_recording(path, recording, columns) if recording is not None and not where else None
         if table is None:
             table = pq.read_table(path, columns=columns, filters=filters or None, partitioning=None)
     except FileNotFoundError as error:
@@ -214,26 +214,6 @@ def read_file(
         raise ArtefactError(f"{path}: cannot be read: {error}") from error
     check(TABLES[name], table)
     return _to_frame(TABLES[name], table)
-
-
-def _row_groups(path: Path, recording: int, columns: list[str] | None) -> pa.Table | None:
-    """A recording's rows as the row groups that it has to itself; None if it shares one.
-
-    Half the time of looking through the file for rows that meet a condition.
-    """
-    with pq.ParquetFile(path) as file:
-        about = file.metadata
-        place = about.schema.names.index("recording_id") if "recording_id" in file.schema_arrow.names else None
-        chosen = []
-        for k in range(about.num_row_groups if place is not None else 0):
-            found = about.row_group(k).column(place).statistics
-            if found is None or not found.has_min_max or found.min < recording < found.max:
-                return None
-            if recording in (found.min, found.max):
-                if found.min < found.max:
-                    return None
-                chosen.append(k)
-        return file.read_row_groups(chosen, columns=columns) if place is not None else None
 
 
 def _to_frame(table: Table, data: pa.Table) -> pd.DataFrame:
