@@ -10,7 +10,7 @@ from typing import Any
 
 from markupsafe import Markup, escape
 
-from highd_lc.reporting.html import bars_text, cells_text, number, policy_head
+from highd_lc.reporting.html import bars, cells, number, policy_head
 
 Line = Mapping[str, Any]
 
@@ -52,7 +52,7 @@ def _word(text: str) -> str:
 
 def _loss_line(row: Line) -> str:
     head = f'<tr data-policy="{_word(row["policy"])}">{policy_head(row["policy"])}\n<td>{_composition(row)}</td>'
-    return f"{head}\n{cells_text(row['cells'], 3)}{cells_text(row['each'], 3)}\n</tr>\n"
+    return f"{head}\n{cells(row['cells'], 3)}{cells(row['each'], 3)}\n</tr>\n"
 
 
 def _composition(row: Line) -> str:
@@ -60,24 +60,24 @@ def _composition(row: Line) -> str:
     if not row["bars"]:
         return _word(row["status"])
     label = f"{_word(row['label'])}: total {number(row['cells'][6], 2)}"
-    return f'<div class="bars" role="img" aria-label="{label}">{bars_text(row["bars"])}</div>'
+    return f'<div class="bars" role="img" aria-label="{label}">{bars(row["bars"])}</div>'
 
 
 def _plan_line(row: Line) -> str:
     bad = ' class="bad"' if row["infeasible"] else ""
     head = f"<tr>{policy_head(row['policy'])}<td{bad}>{_word(row['status'])}</td>"
-    return f"{head}\n{cells_text(row['cells'])}<td>{escape(row['remarks'])}</td></tr>\n"
+    return f"{head}\n{cells(row['cells'])}<td>{escape(row['remarks'])}</td></tr>\n"
 
 
 def _safety_line(row: Line) -> str:
-    return f"<tr>{policy_head(row['policy'])}{cells_text(row['safety'])}</tr>\n"
+    return f"<tr>{policy_head(row['policy'])}{cells(row['safety'])}</tr>\n"
 
 
 def _margin_line(row: Line) -> str:
     head = f'<tr><th scope="row">{_word(row["name"])}</th><td class="unit">{_word(row["unit"])}</td>'
-    return f"{head}{cells_text(row['margins'], 2)}{cells_text(row['rejected'], 0)}</tr>\n"
+    return f"{head}{cells(row['margins'], 2)}{cells(row['rejected'], 0)}</tr>\n"
 
 
 def _tracking_line(row: Line) -> str:
     head = f"<tr>{policy_head(row['policy'])}<td>{_word(row['plant'])}</td><td>{_word(row['status'])}</td>"
-    return f"{head}\n{cells_text(row['cells'])}<td>{_word(row['violations'])}</td></tr>\n"
+    return f"{head}\n{cells(row['cells'])}<td>{_word(row['violations'])}</td></tr>\n"
