@@ -70,7 +70,7 @@ def reports_of(job: Job) -> list[EventReport]:
     """The reports of a recording's events: tables, scenes, replays, loss surface, fits, tracking."""
     tables = read_tables(job)
     validation = job.settings.validation
-    scenes = load_scenes(job.work, job.recording, validation)
+    scenes = load_scenes(tables.scenes, validation)
     return [event_report(e, tables, s, validation) for e, s in zip(tables.events, scenes, strict=True)]
 
 

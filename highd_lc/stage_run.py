@@ -3,7 +3,7 @@
 import logging
 import os
 import traceback
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
 from importlib import import_module
@@ -18,7 +18,7 @@ from highd_lc.io.atomic import Written
 from highd_lc.io.inputs import Inputs
 from highd_lc.io.records import Records
 from highd_lc.io.settings import digest
-from highd_lc.vocab.errors import ClusterError, HighdLcError, InputError, StorageError
+from highd_lc.vocab.errors import ClusterError, HighdLcError, InputError, StorageError, WorkerLostError
 from highd_lc.vocab.job import Combination, Job, JobReport, Options, Outcome, Problem, Provenance, ReportRequest
 from highd_lc.vocab.settings import Section, Settings
 
@@ -54,7 +54,7 @@ class StageRun:
         together = digest(*finished.values(), self.name, *self._neighbours)
         combined = None if pending else self._records.finished(self.name, together)
         if combined is None:
-            combined = self._combine_anew(tuple(sorted(finished)), together)
+            combined = self._combine_anew(tuple(sorted(finished)), together, execution)
         # What the artefacts hold is what the recordings' parts hold: counted once.
         outcome.counts[self.name] = _totals(reports.values()) | combined.counts
         # What follows a combination depends on all recordings (class pools), not only on its own.
@@ -126,18 +126,19 @@ class StageRun:
         more = f" (and {len(failed) - 1} more)" if len(failed) > 1 else ""
         raise InputError(f"{first}{more}")
 
-    def _combine_anew(self, recordings: tuple[int, ...], together: str) -> JobReport:
+    def _combine_anew(self, recordings: tuple[int, ...], together: str, execution: Execution) -> JobReport:
         self._records.forget(self.name)
         with atomic.collected() as files:
-            report = self._combine(recordings)
+            report = self._combine(recordings, execution)
         self._records.remember(self.name, together, report=report, files=files)
         return report
 
-    def _combine(self, recordings: tuple[int, ...]) -> JobReport:
+    def _combine(self, recordings: tuple[int, ...], execution: Execution) -> JobReport:
         inputs = {f"{r:02d}": self.keys[r] for r in recordings}
         combination = Combination(recordings, self.options.work, self.settings, self._provenance(inputs))
         if self._request is not None:
-            counted: JobReport = stage_module(self.name).combine(combination, request=self._request)
+            report, carry_out = stage_module(self.name), partial(_carry_out, execution)
+            counted: JobReport = report.combine(combination, request=self._request, carry_out=carry_out)
             return counted
         if self.name in _JOINED:
             counts = {
@@ -206,6 +207,16 @@ def _execute(stage: str, job: Job, request: ReportRequest | None) -> Done:
     with atomic.collected() as files:
         done = module.run(job) if request is None else module.run(job, request=request)
     return done, files
+
+
+def _carry_out(execution: Execution, calls: Sequence[Callable[[], bytes]]) -> list[bytes]:
+    """See ``vocab.job.CarryOut``. Raises what the first call that failed raised."""
+    try:
+        results = {number: result() for number, result in execution.results(dict(enumerate(calls)))}
+    except WorkerLostError as error:  # which takes the number of a call for that of a recording
+        text = "overview pages: a process was killed, and again when it ran alone (out of memory?)"
+        raise WorkerLostError(text) from error
+    return [results[number] for number in range(len(calls))]
 
 
 def _totals(reports: Iterable[JobReport]) -> dict[str, int]:

@@ -21,6 +21,7 @@ from highd_lc.algorithms.closed_loop import (
     noise_rows,
     reference_rows,
     summarise,
+    tracking_errors,
 )
 from highd_lc.algorithms.daqp_call import check_daqp
 from highd_lc.algorithms.mpc import (
@@ -139,8 +140,23 @@ def track(
     settings and dt, for callers with many plans. Never raises for what the reference holds: a plan outside the
     car's ability, or one with numbers that are not finite, ends in a status.
     """
-    p, memory = shared or controller(settings, reference.dt)
-    return _track(reference, wheelbase, disturbance or Disturbance(), settings=settings, p=p, memory=memory)
+    shared = shared or controller(settings, reference.dt)
+    return _track(reference, wheelbase, disturbance or Disturbance(), settings=settings, shared=shared)
+
+
+def errors_and_inputs(
+    reference: Reference, *, wheelbase: float, settings: TrackingSettings, shared: Controller
+) -> tuple[FloatArray, FloatArray]:
+    """What ``track`` drives, without its figures, for drawing.
+
+    Longitudinal, lateral [m] and heading [rad] errors, shape (n + 1, 3); inputs v [m/s] and delta [rad], shape
+    (n + 1, 2). NaN where the reference holds numbers that are not finite.
+    """
+    rows, log = _drive(reference, wheelbase, Disturbance(), settings=settings, shared=shared)
+    if log is None:
+        invalid = invalid_result(reference)
+        return invalid.errors, invalid.inputs
+    return tracking_errors(log.states, rows), log.inputs
 
 
 def track_many(
@@ -157,10 +173,10 @@ def track_many(
         raise ShapeError(f"the references have intervals of {sorted({r.dt for r in references})} s; one is needed")
     if not references:
         return []
-    p, memory = controller(settings, references[0].dt)
+    shared = controller(settings, references[0].dt)
     nothing = Disturbance()
     return [
-        _track(reference, wheelbase, nothing, settings=settings, p=p, memory=memory)
+        _track(reference, wheelbase, nothing, settings=settings, shared=shared)
         for reference, wheelbase in zip(references, wheelbases, strict=True)
     ]
 
@@ -171,15 +187,29 @@ def _track(
     disturbance: Disturbance,
     *,
     settings: TrackingSettings,
-    p: MpcParameters,
-    memory: MpcMemory,
+    shared: Controller,
 ) -> TrackingResult:
+    rows, log = _drive(reference, wheelbase, disturbance, settings=settings, shared=shared)
+    if log is None:
+        return invalid_result(reference)
+    return summarise(log, bicycle_velocity(log), rows=rows, dt=reference.dt, settings=settings)
+
+
+def _drive(
+    reference: Reference,
+    wheelbase: float,
+    disturbance: Disturbance,
+    *,
+    settings: TrackingSettings,
+    shared: Controller,
+) -> tuple[FloatArray, Log | None]:
+    """The reference's rows and the log of the loop that was closed around them; None if they are not finite."""
     check_daqp()
     rows = reference_rows(reference, wheelbase, settings.horizon)
     if not np.all(np.isfinite(rows)):
-        return invalid_result(reference)
+        return rows, None
     log = new_log(reference.n_steps)
     noise = noise_rows(disturbance, reference.n_steps)
     wheelbases = (wheelbase, wheelbase * disturbance.wheelbase_factor)
-    drive_mpc(rows, wheelbases, np.array(disturbance.offset), noise, p, memory, log)
-    return summarise(log, bicycle_velocity(log), rows=rows, dt=reference.dt, settings=settings)
+    drive_mpc(rows, wheelbases, np.array(disturbance.offset), noise, shared.parameters, shared.memory, log)
+    return rows, log

@@ -107,20 +107,27 @@ def q_third(u: Real) -> Real:
 
 def sample(plan: Quintic, t: FloatArray) -> Samples:
     """The trajectory at times t [s] within 0 .. T, shape (n,)."""
-    u = t / plan.T
-    delta, change = plan.x_final - plan.v0 * plan.T, plan.v_end - plan.v0
-    alpha, beta, gamma = delta / plan.T**2, change / plan.T, plan.D / plan.T**2
-    return Samples(
-        t=t,
-        x=plan.v0 * t + delta * z_shape(u) + plan.T * change * q_shape(u),
-        y=plan.D * z_shape(u),
-        vx=plan.v0 + plan.T * (alpha * z_rate(u) + beta * q_rate(u)),
-        vy=plan.T * gamma * z_rate(u),
-        ax=alpha * z_curvature(u) + beta * q_curvature(u),
-        ay=gamma * z_curvature(u),
-        jx=(alpha * z_third(u) + beta * q_third(u)) / plan.T,
-        jy=gamma * z_third(u) / plan.T,
-    )
+    numbers = (float(value) for value in (plan.v0, plan.D, plan.T, plan.x_final, plan.v_end))
+    return Samples(t, *_sampled(np.asarray(t, np.float64), *numbers))
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _sampled(t: FloatArray, v0: float, D: float, T: float, x_final: float, v_end: float) -> FloatArray:
+    """Rows x, y, vx, vy, ax, ay, jx, jy of ``Samples`` at times t [s], shape (8, n)."""
+    delta, change = x_final - v0 * T, v_end - v0
+    alpha, beta, gamma = delta / T**2, change / T, D / T**2
+    rows = np.empty((8, len(t)))
+    for k in range(len(t)):
+        u = t[k] / T
+        rows[0, k] = v0 * t[k] + delta * z_shape(u) + T * change * q_shape(u)
+        rows[1, k] = D * z_shape(u)
+        rows[2, k] = v0 + T * (alpha * z_rate(u) + beta * q_rate(u))
+        rows[3, k] = T * gamma * z_rate(u)
+        rows[4, k] = alpha * z_curvature(u) + beta * q_curvature(u)
+        rows[5, k] = gamma * z_curvature(u)
+        rows[6, k] = (alpha * z_third(u) + beta * q_third(u)) / T
+        rows[7, k] = gamma * z_third(u) / T
+    return rows
 
 
 @njit(cache=True, nogil=True)

@@ -16,7 +16,7 @@ import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from highd_lc.io import atomic, value_checks
+from highd_lc.io import atomic, row_groups, value_checks
 from highd_lc.vocab.errors import ArtefactError
 from highd_lc.vocab.job import Job, Provenance
 from highd_lc.vocab.tables import SCHEMA_VERSION, TABLES, Column, Table
@@ -205,7 +205,9 @@ def read_file(
     filters = [*where] if recording is None else [("recording_id", "==", recording), *where]
     try:
         provenance_of(path)
-        table = pq.read_table(path, columns=columns, filters=filters or None, partitioning=None)
+        table = row_groups.of_recording(path, recording, columns) if recording is not None and not where else None
+        if table is None:
+            table = pq.read_table(path, columns=columns, filters=filters or None, partitioning=None)
     except FileNotFoundError as error:
         raise ArtefactError(f"{path}: not found; run the stage that makes {name}") from error
     except (pa.ArrowInvalid, OSError) as error:

@@ -17,6 +17,7 @@ from highd_lc.core.losses import command_jerk
 from highd_lc.core.resampling import hermite
 from highd_lc.io import artefacts
 from highd_lc.vocab import names
+from highd_lc.vocab.errors import ArtefactError
 from highd_lc.vocab.lcm_parameters import PARAMETERS, TABLE3_MEANS
 from highd_lc.vocab.scene import Followers, Human, Motion, Scene
 from highd_lc.vocab.settings import PlannerSettings, ValidateSettings
@@ -27,7 +28,7 @@ TIME_STEP = 0.1
 """Step of the planner's time grid [s] (SPEC section 2)."""
 WHEELBASE_SHARE = 0.6
 """Wheelbase over length of a vehicle; HighD has none (SPEC section 8)."""
-_COLUMNS = ["t", "x", "y", "vx", "vy", "ax", "ay"]
+_TRACK_COLUMNS = ["t", "x", "y", "vx", "vy", "ax", "ay", "vehicle_id", "calibration"]
 _FIT_COLUMNS = ["follower", "leader_length_m", "spread", *PARAMETERS]
 
 Columns = dict[str, NDArray[Any]]
@@ -35,25 +36,34 @@ Columns = dict[str, NDArray[Any]]
 
 
 @dataclass(frozen=True)
-class _Recording:
-    """The tables of a recording: events, tracks by event and role, sizes by vehicle, fits by event (ordered)."""
+class SceneTables:
+    """What the scenes of a recording are made from, for those who read the same tables too.
+
+    events, vehicles, followers: as read; tracks: of each event and role, its rows of ``event_tracks``; sizes:
+    length and width of each vehicle [m]; fits: of each event, what of its followers a scene needs, nearest first.
+    """
 
     events: pd.DataFrame
+    vehicles: pd.DataFrame
+    followers: pd.DataFrame
     tracks: dict[tuple[str, ...], Columns]
     sizes: dict[int, tuple[float, float]]
     fits: dict[tuple[str, ...], Columns]
 
 
-def load_scenes(work: Path, recording: int, settings: ValidateSettings) -> Iterator[Scene]:
+def load_scenes(tables: SceneTables, settings: ValidateSettings) -> Iterator[Scene]:
     """The scenes of a recording's events in the order of the events table."""
-    return (make() for _, make in scene_makers(work, recording, settings))
+    return (make() for _, make in _makers(tables, settings))
 
 
 def scene_makers(
     work: Path, recording: int, settings: ValidateSettings
 ) -> Iterator[tuple[str, Callable[[], Scene]]]:
     """Each event's id with what makes its scene: one that cannot be made does not stand in the others' way."""
-    tables = _load(work, recording, settings.planner)
+    return _makers(read_scene_tables(work, recording, settings.planner), settings)
+
+
+def _makers(tables: SceneTables, settings: ValidateSettings) -> Iterator[tuple[str, Callable[[], Scene]]]:
     for event in tables.events.itertuples():
         yield event.event_id, partial(_scene, event, tables, settings)
 
@@ -61,39 +71,51 @@ def scene_makers(
 def load_scene(work: Path, event_id: str, settings: ValidateSettings) -> Scene:
     """The scene of one event. Raises KeyError if there is no such event."""
     recording = int(event_id.split("-")[0])
-    tables = _load(work, recording, settings.planner)
+    tables = read_scene_tables(work, recording, settings.planner)
     chosen = tables.events[tables.events["event_id"] == event_id]
     if chosen.empty:
         raise KeyError(event_id)
     return _scene(next(chosen.itertuples()), tables, settings)
 
 
-def _load(work: Path, recording: int, settings: PlannerSettings) -> _Recording:
-    events = artefacts.read(work, "events", recording=recording)
+def read_scene_tables(work: Path, recording: int, settings: PlannerSettings) -> SceneTables:
+    """Read what the scenes of a recording are made from."""
     rows = artefacts.read(work, "event_tracks", recording=recording)
     vehicles = artefacts.read(work, "vehicles", recording=recording)
-    followers = _drivers(work, artefacts.read(work, "followers", recording=recording), settings)
+    followers = artefacts.read(work, "followers", recording=recording)
+    drivers = _drivers(work, followers, settings)
     sizes = zip(vehicles["length"], vehicles["width"], strict=True)
-    return _Recording(
-        events,
-        _grouped(rows, by=["event_id", "role"], order="t", columns=[*_COLUMNS, "vehicle_id"]),
-        dict(zip(vehicles["vehicle_id"].tolist(), sizes, strict=True)),
-        _grouped(followers, by=["event_id"], order="follower", columns=_FIT_COLUMNS),
+    return SceneTables(
+        events=artefacts.read(work, "events", recording=recording),
+        vehicles=vehicles,
+        followers=followers,
+        tracks=_grouped(rows, by=["event_id", "role"], order="t", columns=_TRACK_COLUMNS),
+        sizes=dict(zip(vehicles["vehicle_id"].tolist(), sizes, strict=True)),
+        fits=_grouped(drivers, by=["event_id"], order="follower", columns=_FIT_COLUMNS),
     )
 
 
 def _grouped(
     frame: pd.DataFrame, *, by: list[str], order: str, columns: list[str]
 ) -> dict[tuple[str, ...], Columns]:
-    """Columns of each group's rows, ordered. Slices of sorted arrays: a frame a group costs ten times as much."""
-    frame = frame.sort_values([*by, order], kind="stable")
+    """Columns of each group's rows. Slices of a table in its order: a frame a group costs ten times as much.
+
+    Raises ArtefactError if the table is in another order.
+    """
+    keys = [frame[name].array for name in by]
+    changes = np.zeros(max(len(frame) - 1, 0), bool)
+    for key in keys:
+        changes |= np.asarray(key[1:] != key[:-1], bool)
+    along = frame[order].to_numpy()
+    starts = np.flatnonzero(np.concatenate([[True], changes])) if len(frame) else np.zeros(0, int)
+    # Keys of the groups alone are taken out: value by value, text in arrow's memory is slow.
+    names_of = list(zip(*(key.take(starts).tolist() for key in keys), strict=True))
+    if len(set(names_of)) < len(names_of) or not np.all(changes | (along[1:] >= along[:-1])):
+        raise ArtefactError(f"rows are not ordered by {', '.join([*by, order])}")
     arrays = {name: frame[name].to_numpy() for name in columns}
-    # Through arrays of objects: value by value, text in arrow's memory costs twenty times as much.
-    keys = list(zip(*(frame[name].to_numpy(object).tolist() for name in by), strict=True))
-    starts = [k for k in range(len(keys)) if k == 0 or keys[k] != keys[k - 1]]  # none if there are no rows
     return {
-        keys[first]: {name: values[first:stop] for name, values in arrays.items()}
-        for first, stop in pairwise([*starts, len(keys)])
+        key: {name: values[first:stop] for name, values in arrays.items()}
+        for key, (first, stop) in zip(names_of, pairwise([*starts.tolist(), len(frame)]), strict=True)
     }
 
 
@@ -109,7 +131,7 @@ def _drivers(work: Path, fits: pd.DataFrame, settings: PlannerSettings) -> pd.Da
     return fits.assign(**fitted.mean())
 
 
-def _scene(event: object, tables: _Recording, settings: ValidateSettings) -> Scene:
+def _scene(event: object, tables: SceneTables, settings: ValidateSettings) -> Scene:
     event_id = event.event_id
     ego = tables.tracks[event_id, names.EGO]
     start = int(np.searchsorted(ego["t"], -1e-9))
@@ -136,7 +158,7 @@ def _grid(horizon: float) -> FloatArray:
     return np.arange(round(horizon / TIME_STEP) + 1) * TIME_STEP
 
 
-def _leader(event_id: str, role: str, tables: _Recording, settings: ValidateSettings) -> Motion | None:
+def _leader(event_id: str, role: str, tables: SceneTables, settings: ValidateSettings) -> Motion | None:
     track = tables.tracks.get((event_id, role))
     if track is None or track["t"][-1] < 0.0:
         return None
@@ -176,7 +198,7 @@ def _predicted(motion: Motion, *, free_road: bool) -> Motion:
 
 def _followers(
     event_id: str,
-    tables: _Recording,
+    tables: SceneTables,
     target_leader: Motion | None,
     ego_length: float,
     settings: ValidateSettings,

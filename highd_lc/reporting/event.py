@@ -6,6 +6,7 @@ centre at t_start: x forward, y left [m]. NaN stands for "not in view".
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -140,11 +141,19 @@ class EventReport:
 
     def plan(self, policy: str, accounting: str = names.PRIMARY_ACCOUNTING) -> Row | None:
         """The row of ``plans`` of a policy under an accounting."""
-        return _row(self.plans, policy, accounting)
+        return self._plan_of.get((policy, accounting))
 
     def loss(self, policy: str, accounting: str = names.PRIMARY_ACCOUNTING) -> Row | None:
         """The row of ``losses`` of a policy under an accounting."""
-        return _row(self.losses, policy, accounting)
+        return self._loss_of.get((policy, accounting))
+
+    @cached_property
+    def _plan_of(self) -> dict[tuple[str, str], Row]:
+        return _by_cell(self.plans)
+
+    @cached_property
+    def _loss_of(self) -> dict[tuple[str, str], Row]:
+        return _by_cell(self.losses)
 
     def gain(self, form: str = names.FIXED, accounting: str = names.PRIMARY_ACCOUNTING) -> float:
         """1 - total loss of the local optimum over that of the benchmark; NaN if either is infeasible."""
@@ -170,5 +179,6 @@ def gain(total_local: float, total_benchmark: float) -> float:
     return 1.0 - float(total_local) / float(total_benchmark)
 
 
-def _row(rows: tuple[Row, ...], policy: str, accounting: str) -> Row | None:
-    return next((r for r in rows if r["policy"] == policy and r["accounting"] == accounting), None)
+def _by_cell(rows: tuple[Row, ...]) -> dict[tuple[str, str], Row]:
+    """Rows by policy and accounting, of which there is one each."""
+    return {(row["policy"], row["accounting"]): row for row in rows}

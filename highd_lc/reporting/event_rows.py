@@ -1,6 +1,6 @@
 """Rows of the tables on an event's page: rows of artefacts in, cells and words out."""
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from typing import Any, Final
 
 from highd_lc.reporting import html, labels
@@ -23,6 +23,7 @@ _BARS: Final = (
     ("hv-comfort", "hv_comfort"),
     ("hv-efficiency", "hv_efficiency"),
 )
+_PLACES: Final = {policy: place for place, policy in enumerate(names.POLICIES)}
 _UNKNOWNS: Final = frozenset(("T", "x_final", "v_end", "delay_s"))
 _PLAN_CELLS: Final = (("T", 1), ("x_final", 1), ("v_end", 2), ("min_clearance_m", 2))
 _SAFETY_CELLS: Final = (
@@ -48,33 +49,33 @@ _TRACKING_CELLS: Final = (
 )
 
 
-def per_accounting(rows: Iterable[Row], make: Any) -> dict[str, Any]:
-    """What ``make`` makes of each accounting that the rows have."""
-    present = {row["accounting"] for row in rows}
-    return {accounting: make(accounting) for accounting in names.ACCOUNTINGS if accounting in present}
+def per_accounting(rows: Iterable[Row], make: Callable[[list[Row]], Any]) -> dict[str, Any]:
+    """What ``make`` makes of the rows of each accounting, ordered by policy."""
+    groups: dict[str, list[Row]] = {}
+    for row in ordered(rows):
+        groups.setdefault(row["accounting"], []).append(row)
+    return {accounting: make(groups[accounting]) for accounting in names.ACCOUNTINGS if accounting in groups}
 
 
-def loss_rows(report: EventReport, accounting: str) -> list[dict[str, Any]]:
+def loss_rows(report: EventReport, rows: list[Row]) -> list[dict[str, Any]]:
     """The table of losses under an accounting: cells, bars, and each follower's loss."""
-    rows = [row for row in ordered(report.losses) if row["accounting"] == accounting]
-    known = [_halves(row) for row in rows if not html.is_missing(row["loss_total"])]
-    longest = max((sum(halves) for halves in known), default=0.0)
-    return [_loss_row(report, row, longest) for row in rows]
+    halves = [None if html.is_missing(row["loss_total"]) else _halves(row) for row in rows]
+    longest = max((sum(known) for known in halves if known is not None), default=0.0)
+    return [_loss_row(report, row, known, longest) for row, known in zip(rows, halves, strict=True)]
 
 
 def _halves(row: Row) -> list[float]:
     return [0.0 if html.is_missing(row[name]) else 0.5 * float(row[name]) for _, name in _BARS]
 
 
-def _loss_row(report: EventReport, row: Row, longest: float) -> dict[str, Any]:
-    missing = html.is_missing(row["loss_total"])
+def _loss_row(report: EventReport, row: Row, halves: list[float] | None, longest: float) -> dict[str, Any]:
     plan = report.plan(row["policy"], row["accounting"])
     each = [] if row["loss_hv_each"] is None else list(row["loss_hv_each"])
     padded = each + [None] * (report.n_followers - len(each))
     bars = (
         []
-        if missing or not longest
-        else [(kind, round(100 * half / longest, 2)) for (kind, _), half in zip(_BARS, _halves(row), strict=True)]
+        if halves is None or not longest
+        else [(kind, round(100 * half / longest, 2)) for (kind, _), half in zip(_BARS, halves, strict=True)]
     )
     return {
         "policy": row["policy"],
@@ -112,10 +113,9 @@ def model_error(report: EventReport) -> dict[str, Any] | None:
     }
 
 
-def plan_rows(report: EventReport, accounting: str) -> list[dict[str, Any]]:
+def plan_rows(report: EventReport, rows: list[Row]) -> list[dict[str, Any]]:
     """The tables of plans and of safety under an accounting."""
-    rows = [row for row in ordered(report.plans) if row["accounting"] == accounting]
-    return [_plan_row(row, report.loss(row["policy"], accounting) or {}) for row in rows]
+    return [_plan_row(row, report.loss(row["policy"], row["accounting"]) or {}) for row in rows]
 
 
 def _plan_row(row: Row, loss: Row) -> dict[str, Any]:
@@ -156,9 +156,8 @@ def _at_bound(found: Iterable[str]) -> list[str]:
     return remarks + ([f"no margin left: {', '.join(map(constraint, limiting))}"] if limiting else [])
 
 
-def margins(report: EventReport, accounting: str) -> dict[str, Any]:
+def margins(rows: list[Row]) -> dict[str, Any]:
     """The table of margins under an accounting: policies, forms, and a row a constraint."""
-    rows = [row for row in ordered(report.plans) if row["accounting"] == accounting]
     with_margins = [row for row in rows if _length(row["margins"])]
     counted = {form: row for form, (local, _) in PAIRS.items() for row in rows if row["policy"] == local}
     rejected = [dict(row["rejected_by"] or {}) for row in counted.values()]
@@ -248,7 +247,7 @@ def is_infeasible(row: Row) -> bool:
 
 def ordered(rows: Iterable[Row]) -> list[Row]:
     """Rows in the order of ``names.POLICIES``."""
-    return sorted(rows, key=lambda row: names.POLICIES.index(row["policy"]))
+    return sorted(rows, key=lambda row: _PLACES[row["policy"]])
 
 
 def by_policy(rows: Iterable[Row]) -> dict[str, list[Row]]:

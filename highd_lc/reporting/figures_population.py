@@ -139,7 +139,8 @@ def parameters_figure(followers: pd.DataFrame) -> Figure:
 
 def loss_bars(losses: pd.DataFrame) -> Figure:
     """Mean loss of each policy, AV and followers, one panel an accounting. losses: rows of ``losses``."""
-    policies = [p for p in reversed(names.POLICIES) if p in set(losses["policy"])]
+    present = set(losses["policy"].unique())
+    policies = [p for p in reversed(names.POLICIES) if p in present]
     figure, grid = panels(9.4, 1.2 + 0.3 * len(policies), columns=3, sharey=True)
     means = losses.groupby(["accounting", "policy"])[["loss_av", "loss_hv"]].mean()
     for axes, accounting in zip(grid[0], names.ACCOUNTINGS, strict=True):

@@ -15,6 +15,7 @@ from typing import Any, Final
 import matplotlib
 from jinja2 import Environment, PackageLoader, StrictUndefined, Template
 from markupsafe import Markup
+from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 
 from highd_lc.reporting import drawing, labels
@@ -25,6 +26,7 @@ _MISSING: Final = "–"
 # Formats made beforehand: there are 800 numbers on an event's page.
 _FIXED: Final = tuple(f"%.{digits}f" for digits in range(12))
 _NEXT_CELL: Final = '</td><td class="n">'
+_BETWEEN: Final = "\n"
 _SCRIPT_ESCAPES: Final = {
     ord("<"): "\\u003c",
     ord(">"): "\\u003e",
@@ -66,10 +68,8 @@ def _environment() -> Environment:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters.update(
-        number=number, percent=percent, cells=cells, bars=bars, json=json_script, role=labels.role
-    )
-    environment.globals.update(style=style, script=script, labels=labels, policy_head=policy_head)
+    environment.filters.update(number=number, percent=percent, json=json_script, role=labels.role)
+    environment.globals.update(style=style, script=script, labels=labels)
     environment.globals.update(pages=PAGES, crosslink=TO_SCENARIOS.room)
     return environment
 
@@ -92,13 +92,32 @@ def percent(value: Any, digits: int = 2) -> str:
     return _MISSING if is_missing(value) else f"{number(100 * float(value), digits)} %"
 
 
-def cells(values: Iterable[Any], digits: int | None = None) -> Markup:
-    """Table cells of numbers, or of (number, digits) pairs: one string, which is many times faster than a loop."""
+def cells(values: Iterable[Any], digits: int | None = None) -> str:
+    """Table cells of numbers, or of (number, digits) pairs: HTML for a text that is put together from many."""
     if digits is None:
-        texts = [number(value, places) for value, places in values]
+        pairs = list(values)
+        found, places = tuple([value for value, _ in pairs]), tuple([places for _, places in pairs])
     else:
-        texts = [number(value, digits) for value in values]
-    return Markup(f'<td class="n">{_NEXT_CELL.join(texts)}</td>') if texts else Markup("")
+        found = tuple(values)
+        places = (digits,) * len(found)
+    return f'<td class="n">{_NEXT_CELL.join(_numbers(found, places))}</td>' if found else ""
+
+
+def _numbers(values: tuple[Any, ...], places: tuple[int, ...]) -> list[str]:
+    """``number`` of each value: all in one go, then again those with a sign, or without a number."""
+    try:
+        texts = (_together(places) % values).split(_BETWEEN)
+    except TypeError:  # None, NA
+        return [number(value, digits) for value, digits in zip(values, places, strict=True)]
+    for k, text in enumerate(texts):
+        if text[0] == "-" or text[-1] in "nf":
+            texts[k] = number(values[k], places[k])
+    return texts
+
+
+@cache
+def _together(places: tuple[int, ...]) -> str:
+    return _BETWEEN.join(_FIXED[digits] for digits in places)
 
 
 @cache
@@ -108,11 +127,9 @@ def policy_head(policy: str) -> Markup:
     return Markup(text).format(policy, labels.POLICIES[policy].label)
 
 
-def bars(shares: Iterable[tuple[str, float]]) -> Markup:
-    """Stacked bars of (kind, share in percent): one string, as ``cells``."""
-    return Markup(
-        "".join(f'<span style="width: {share}%; background: var(--{kind})"></span>' for kind, share in shares)
-    )
+def bars(shares: Iterable[tuple[str, float]]) -> str:
+    """Stacked bars of (kind, share in percent), as ``cells``."""
+    return "".join([f'<span style="width: {share}%; background: var(--{kind})"></span>' for kind, share in shares])
 
 
 def is_missing(value: Any) -> bool:
@@ -154,6 +171,7 @@ def inline_svg(figure: Figure, alternative: str) -> Markup:
     """
     sink = io.StringIO()
     with matplotlib.rc_context({"svg.fonttype": "none", "svg.hashsalt": "highd_lc"}):
+        _lay_out(figure)
         figure.savefig(sink, format="svg", transparent=True, metadata=_NO_METADATA)
     text = sink.getvalue()
     text = text[text.index("<svg") :]
@@ -161,6 +179,16 @@ def inline_svg(figure: Figure, alternative: str) -> Markup:
         text = text.replace(colour, variable)
     head = Markup('<svg role="img" aria-label="{}" ').format(alternative)
     return Markup(text.replace("<svg ", str(head), 1))
+
+
+def _lay_out(figure: Figure) -> None:
+    """Place a figure's axes once and for all: ``savefig`` would draw everything for it, only to draw it again."""
+    engine = figure.get_layout_engine()
+    if engine is not None:
+        FigureCanvasSVG(figure)
+        figure.dpi = 72  # which the format is made for, whatever is asked for
+        engine.execute(figure)
+        figure.set_layout_engine("none")
 
 
 @cache

@@ -1,9 +1,12 @@
 """The page of one event: rows and arrays in, HTML out."""
 
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
-from highd_lc.reporting import event_rows, html, labels
+from markupsafe import Markup
+
+from highd_lc.reporting import event_rows, event_tables, html, labels
 from highd_lc.reporting.event import PAIRS, EventReport, Row
 from highd_lc.reporting.payload import event_payload
 from highd_lc.reporting.start_words import start_sentences
@@ -36,19 +39,33 @@ def _context(report: EventReport, *, raw: bool) -> dict[str, Any]:
         "notices": _notices(report),
         "facts": _facts(report),
         "starts": start_sentences(report),
-        "losses": event_rows.per_accounting(report.losses, lambda a: event_rows.loss_rows(report, a)),
+        "losses": event_rows.per_accounting(report.losses, partial(_losses, report)),
         "weights": event_rows.weights(report),
         "recorded": event_rows.model_error(report),
         "surface": report.surface is not None,
-        "plans": event_rows.per_accounting(report.plans, lambda a: event_rows.plan_rows(report, a)),
-        "margins": event_rows.per_accounting(report.plans, lambda a: event_rows.margins(report, a)),
+        "plans": event_rows.per_accounting(report.plans, partial(_plans, report)),
+        "margins": event_rows.per_accounting(report.plans, partial(_margins, report)),
         "parameters": [(name, UNITS[name]) for name in PARAMETERS],
         "fits": [event_rows.fit_row(row, report) for row in report.fits],
-        "tracking": [event_rows.tracking_row(row) for row in event_rows.ordered(report.tracking)],
+        "tracking": event_tables.tracking_body(map(event_rows.tracking_row, event_rows.ordered(report.tracking))),
         "tracks_drawn": bool(report.track_traces),
         "provenance": report.provenance,
         "payload": event_payload(report, raw=raw),
     }
+
+
+def _losses(report: EventReport, rows: list[Row]) -> Markup:
+    return event_tables.loss_body(event_rows.loss_rows(report, rows))
+
+
+def _plans(report: EventReport, rows: list[Row]) -> dict[str, Markup]:
+    shown = event_rows.plan_rows(report, rows)
+    return {"plan": event_tables.plan_body(shown), "safety": event_tables.safety_body(shown)}
+
+
+def _margins(report: EventReport, rows: list[Row]) -> dict[str, Any]:
+    margins = event_rows.margins(rows)
+    return {**margins, "rows": event_tables.margin_body(margins["rows"])}
 
 
 def _lead(report: EventReport) -> str:

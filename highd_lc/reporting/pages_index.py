@@ -53,7 +53,8 @@ def index_page(tables: IndexTables, *, raw: bool = False, says: str = "") -> str
     """
     events, crossings = tables.events, tables.crossings
     excluded = crossings.loc[~crossings["usable"], "reason"].value_counts()
-    present = [cell for cell in CELLS if PAIRS[cell[0]][0] in set(tables.plans["policy"])]
+    planned = set(tables.plans["policy"].unique())
+    present = [cell for cell in CELLS if PAIRS[cell[0]][0] in planned]
     context = {
         "root": "",
         "here": "index.html",

@@ -3,7 +3,6 @@
 from collections import defaultdict
 from collections.abc import Mapping
 from dataclasses import dataclass
-from pathlib import Path as Folder
 from typing import Final
 
 import numpy as np
@@ -12,6 +11,7 @@ from numpy.typing import NDArray
 
 from highd_lc.algorithms import planner
 from highd_lc.io import artefacts
+from highd_lc.io.scenes import Columns, SceneTables, read_scene_tables
 from highd_lc.reporting import labels
 from highd_lc.reporting.event import Box, EventReport, Path, Play, Row
 from highd_lc.stages.event_plays import policy_plays, surrounding
@@ -26,13 +26,14 @@ Tracks = Mapping[str, Track]
 
 PERIOD: Final = 0.1
 """Time step of all motions on a page [s]: the planner's, and the finest that a page to be shared may carry."""
-_GROUPED: Final = ("plans", "losses", "followers", "tracking")
+_READ: Final = ("plans", "losses", "tracking")
 
 
 @dataclass(frozen=True)
 class RecordingTables:
     """What the artefacts hold of one recording; tracks by event and role, other rows by table and event."""
 
+    scenes: SceneTables
     events: tuple[Row, ...]
     tracks: Mapping[str, Tracks]
     boxes: Mapping[int, Box]
@@ -44,22 +45,24 @@ class RecordingTables:
 
 def read_tables(job: Job) -> RecordingTables:
     """Read everything that the pages of a recording's events show."""
-    vehicles = artefacts.read(job.work, "vehicles", recording=job.recording)
+    scenes = read_scene_tables(job.work, job.recording, job.settings.validation.planner)
     roads = artefacts.read(job.work, "recordings", recording=job.recording)
+    ids, directions = (scenes.vehicles[name].tolist() for name in ("vehicle_id", "driving_direction"))
+    rows = {name: _by_event(artefacts.read(job.work, name, recording=job.recording)) for name in _READ}
     return RecordingTables(
-        events=tuple(artefacts.read(job.work, "events", recording=job.recording).to_dict("records")),
-        tracks=_by_role(artefacts.read(job.work, "event_tracks", recording=job.recording)),
-        boxes={v.vehicle_id: Box(v.length, v.width) for v in vehicles.itertuples(index=False)},
-        directions=dict(zip(vehicles["vehicle_id"], vehicles["driving_direction"], strict=True)),
+        scenes=scenes,
+        events=tuple(scenes.events.to_dict("records")),
+        tracks=_by_event_and_role(scenes.tracks),
+        boxes={vehicle: Box(*size) for vehicle, size in scenes.sizes.items()},
+        directions=dict(zip(ids, directions, strict=True)),
         markings=dict(zip(roads["driving_direction"], roads["markings"], strict=True)),
-        rows={name: _by_event(job.work, name, job.recording) for name in _GROUPED},
+        rows={**rows, "followers": _by_event(scenes.followers)},
         provenance=_provenance(job),
     )
 
 
-def _by_event(work: Folder, name: str, recording: int) -> dict[str, tuple[Row, ...]]:
+def _by_event(frame: pd.DataFrame) -> dict[str, tuple[Row, ...]]:
     groups: dict[str, list[Row]] = defaultdict(list)
-    frame = artefacts.read(work, name, recording=recording)
     titles = list(frame.columns)
     # Through an array of objects: value by value, text in arrow's memory costs twenty times as much.
     columns = [frame[title].to_numpy(object).tolist() for title in titles]
@@ -69,19 +72,11 @@ def _by_event(work: Folder, name: str, recording: int) -> dict[str, tuple[Row, .
     return {event_id: tuple(rows) for event_id, rows in groups.items()}
 
 
-def _by_role(tracks: pd.DataFrame) -> dict[str, dict[str, Track]]:
-    """Tracks by event and role. The table is ordered by both, so each is a slice of its columns."""
-    ids, roles = (tracks[name].to_numpy(object) for name in ("event_id", "role"))
-    changes = 1 + np.flatnonzero((ids[1:] != ids[:-1]) | (roles[1:] != roles[:-1]))
-    starts = np.concatenate([[0], changes]) if len(ids) else changes
-    stops = np.concatenate([changes, [len(ids)]]) if len(ids) else changes
-    vehicle, calibration = tracks["vehicle_id"].to_numpy(), tracks["calibration"].to_numpy(bool)
-    columns = [tracks[name].to_numpy(float) for name in ("t", "x", "y", "vx", "ax")]
+def _by_event_and_role(tracks: Mapping[tuple[str, ...], Columns]) -> dict[str, dict[str, Track]]:
     grouped: dict[str, dict[str, Track]] = defaultdict(dict)
-    for start, stop in zip(starts, stops, strict=True):
-        part = slice(start, stop)
-        motion = (column[part] for column in columns)
-        grouped[ids[start]][roles[start]] = Track(int(vehicle[start]), *motion, calibration[part])
+    for (event_id, role), rows in tracks.items():
+        motion = (rows[name] for name in ("t", "x", "y", "vx", "ax"))
+        grouped[event_id][role] = Track(int(rows["vehicle_id"][0]), *motion, rows["calibration"])
     return grouped
 
 
@@ -95,7 +90,7 @@ def event_report(event: Row, tables: RecordingTables, scene: Scene, settings: Va
     """Everything that the page of an event shows."""
     event_id = str(event["event_id"])
     tracks = tables.tracks[event_id]
-    paths = _paths(tracks, PERIOD * np.arange(round(settings.loss.horizon_s / PERIOD) + 1))
+    grid = PERIOD * np.arange(round(settings.loss.horizon_s / PERIOD) + 1)
     divider = _divider(event, tracks[names.EGO])
     of_event = {name: rows.get(event_id, ()) for name, rows in tables.rows.items()}
     problem = planner.pose(scene, settings)
@@ -109,7 +104,7 @@ def event_report(event: Row, tables: RecordingTables, scene: Scene, settings: Va
         boxes=boxes,
         others={role: Path(m.x, m.y, m.v, m.a) for role, m in surrounding(scene).items()},
         observed={role: m.observed for role, m in surrounding(scene).items()},
-        plays=(*policy_plays(problem, of_event["plans"]), _recorded_play(event, paths)),
+        plays=(*policy_plays(problem, of_event["plans"]), _recorded_play(event, tracks, grid)),
         plans=of_event["plans"],
         losses=of_event["losses"],
         fits=of_event["followers"],
@@ -119,10 +114,6 @@ def event_report(event: Row, tables: RecordingTables, scene: Scene, settings: Va
         surface=surface_of(problem, of_event["plans"]),
         provenance=tables.provenance,
     )
-
-
-def _paths(tracks: Tracks, grid: FloatArray) -> dict[str, Path]:
-    return {role: _path(track, grid) for role, track in tracks.items()}
 
 
 def _path(track: Track, grid: FloatArray) -> Path:
@@ -144,8 +135,8 @@ def _markings(event: Row, tables: RecordingTables, divider: float) -> tuple[floa
     return tuple((markings - markings[crossed] + divider).tolist())
 
 
-def _recorded_play(event: Row, paths: Mapping[str, Path]) -> Play:
-    ego = paths[names.EGO]
+def _recorded_play(event: Row, tracks: Tracks, grid: FloatArray) -> Play:
+    ego = _path(tracks[names.EGO], grid)
     ranks = range(1, len(event["follower_ids"]) + 1)
     return Play(
         policy=labels.RECORDED,
@@ -153,6 +144,6 @@ def _recorded_play(event: Row, paths: Mapping[str, Path]) -> Play:
         T=float(event["duration_s"]),
         ego=ego,
         jerk=np.full(ego.x.size, np.nan),
-        followers=tuple(paths[names.target_follower(rank)] for rank in ranks),
+        followers=tuple(_path(tracks[names.target_follower(rank)], grid) for rank in ranks),
         measured=True,
     )

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,13 +11,13 @@ from highd_lc.algorithms.following_window import RecordedMotion, following_track
 from highd_lc.algorithms.planner import FORM_OF, PlanningProblem
 from highd_lc.algorithms.surface import ON_SURFACE, SurfacePoint, loss_surface
 from highd_lc.algorithms.tracked_motion import plan_reference
-from highd_lc.algorithms.tracker import track
+from highd_lc.algorithms.tracker import Controller, controller, errors_and_inputs
 from highd_lc.core.car_following import TIME_STEP, simulate
 from highd_lc.core.quintic import Quintic
 from highd_lc.reporting.event import Box, FitTrace, Row, Surface, TrackTrace
 from highd_lc.vocab import names
 from highd_lc.vocab.lcm_parameters import PARAMETERS
-from highd_lc.vocab.tracking import KINEMATIC
+from highd_lc.vocab.tracking import KINEMATIC, TrackingSettings
 
 FloatArray = NDArray[np.float64]
 
@@ -98,13 +99,22 @@ def track_traces(problem: PlanningProblem, plans: Iterable[Row]) -> tuple[TrackT
 def _track_trace(problem: PlanningProblem, policy: str, T: float, x_final: float, v_end: float) -> TrackTrace:
     scene = problem.scene
     plan = Quintic(v0=scene.v0, D=scene.lateral_shift, T=T, x_final=x_final, v_end=v_end)
-    result = track(plan_reference(plan, scene.dt), wheelbase=scene.wheelbase, settings=problem.settings.tracking)
+    settings = problem.settings.tracking
+    shared = _controller(settings, scene.dt)
+    reference = plan_reference(plan, scene.dt)
+    errors, inputs = errors_and_inputs(reference, wheelbase=scene.wheelbase, settings=settings, shared=shared)
     return TrackTrace(
         policy=policy,
         plant=KINEMATIC,
-        t=scene.dt * np.arange(len(result.errors)),
-        lateral=result.errors[:, 1],
-        longitudinal=result.errors[:, 0],
-        v=result.inputs[:, 0],
-        delta=result.inputs[:, 1],
+        t=scene.dt * np.arange(len(errors)),
+        lateral=errors[:, 1],
+        longitudinal=errors[:, 0],
+        v=inputs[:, 0],
+        delta=inputs[:, 1],
     )
+
+
+@cache
+def _controller(settings: TrackingSettings, dt: float) -> Controller:
+    """One controller for all plans of a process, as in ``track_many``: every step overwrites its memory."""
+    return controller(settings, dt)

@@ -1,6 +1,7 @@
 """The finished artefacts of a whole run to the pages that show it as a whole."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
@@ -30,59 +31,105 @@ _KEY: Final = ["event_id", "policy", "accounting"]
 _SAFE_STEP_M: Final = 0.1
 
 
-def overview_pages(work: Path, *, raw: bool, statistics: StatisticsSettings) -> Iterator[tuple[str, str]]:
-    """File name and text of each overview page.
+@dataclass(frozen=True)
+class Overview:
+    """What the overview pages of a run are made from.
 
     raw: recorded motion at full resolution; statistics: how the intervals and ties in the artefacts were made.
     """
-    events, crossings, recordings = (artefacts.read(work, n) for n in ("events", "crossings", "recordings"))
-    losses = artefacts.read(work, "losses", columns=[*_KEY, "loss_av", "loss_hv", "loss_total"])
-    pages, matrix = artefacts.read(work, "event_pages"), artefacts.read(work, "validation_matrix")
-    studies = StudyTables(**{name: artefacts.read(work, name) for name in StudyTables.__dataclass_fields__})
-    calibration = _calibration(work, raw=raw)
-    plans = artefacts.read(work, "plans", columns=[*_KEY, "status"])
-    run = RunTables(
-        recordings=recordings,
-        crossings=crossings,
-        events=events,
-        losses=losses,
+
+    work: Path
+    raw: bool
+    statistics: StatisticsSettings
+
+    def read(self, *tables: str, columns: list[str] | None = None) -> dict[str, pd.DataFrame]:
+        """Finished artefacts by their names."""
+        return {name: artefacts.read(self.work, name, columns=columns) for name in tables}
+
+    def losses(self) -> pd.DataFrame:
+        """The losses without their terms."""
+        return artefacts.read(self.work, "losses", columns=[*_KEY, "loss_av", "loss_hv", "loss_total"])
+
+
+def page_of(name: str, overview: Overview) -> bytes:
+    """An overview page by its file's name, one of ``OVERVIEW_PAGES``."""
+    return _MAKERS[name](overview).encode("utf-8")
+
+
+def _index(overview: Overview) -> str:
+    plans = artefacts.read(overview.work, "plans", columns=[*_KEY, "status"])
+    run, pages = _run_tables(overview), artefacts.read(overview.work, "event_pages")
+    index = IndexTables(run.events, run.crossings, plans, run.losses, run.matrix, pages)
+    return index_page(index, raw=overview.raw, says=run_in_short(run))
+
+
+def _summary(overview: Overview) -> str:
+    run, pages = _run_tables(overview), artefacts.read(overview.work, "event_pages")
+    tables = SummaryTables(
+        events=run.events,
+        crossings=run.crossings,
+        losses=run.losses,
+        matrix=run.matrix,
+        recordings=run.recordings,
+        pages=pages,
+        **overview.read("summary_losses", "summary_lcm", "gain_map", "pareto", "pareto_summary"),
+    )
+    return summary_page(tables, run_says(run))
+
+
+def _run_tables(overview: Overview) -> RunTables:
+    matrix, worse = (artefacts.read(overview.work, n) for n in ("validation_matrix", "worse_for_somebody"))
+    return RunTables(
+        losses=overview.losses(),
         matrix=matrix,
-        worse=studies.worse_for_somebody,
-        leave_one_out=studies.leave_one_out,
-        confidence=statistics.confidence,
-        tie_band=statistics.tie_band,
+        worse=worse,
+        confidence=overview.statistics.confidence,
+        tie_band=overview.statistics.tie_band,
+        **overview.read("recordings", "crossings", "events", "leave_one_out"),
     )
-    index = IndexTables(events, crossings, plans, losses, matrix, pages)
-    yield "index.html", index_page(index, raw=raw, says=run_in_short(run))
-    yield (
-        "summary.html",
-        summary_page(
-            SummaryTables(
-                events=events,
-                crossings=crossings,
-                losses=losses,
-                matrix=matrix,
-                summary_losses=artefacts.read(work, "summary_losses"),
-                summary_lcm=calibration.summary,
-                recordings=recordings,
-                gain_map=artefacts.read(work, "gain_map"),
-                pareto=studies.pareto,
-                pareto_summary=studies.pareto_summary,
-                pages=pages,
-            ),
-            run_says(run),
-        ),
-    )
-    yield "matrix.html", matrix_page(matrix)
-    yield "studies.html", studies_page(studies)
-    yield (
-        "start.html",
-        start_page(StartTables(*(artefacts.read(work, n) for n in ("start_map", "foresight_summary")))),
-    )
-    yield "calibration.html", calibration_page(calibration)
-    yield "data.html", data_page(recordings, crossings, events)
-    yield "excluded.html", excluded_page(crossings)
-    yield "dictionary.html", dictionary_page()
+
+
+def _matrix(overview: Overview) -> str:
+    return matrix_page(artefacts.read(overview.work, "validation_matrix"))
+
+
+def _studies(overview: Overview) -> str:
+    return studies_page(StudyTables(**overview.read(*StudyTables.__dataclass_fields__)))
+
+
+def _start(overview: Overview) -> str:
+    return start_page(StartTables(*overview.read("start_map", "foresight_summary").values()))
+
+
+def _data(overview: Overview) -> str:
+    return data_page(*overview.read("recordings", "crossings", "events").values())
+
+
+def _excluded(overview: Overview) -> str:
+    return excluded_page(artefacts.read(overview.work, "crossings"))
+
+
+def _dictionary(overview: Overview) -> str:
+    return dictionary_page()
+
+
+def _calibration_page(overview: Overview) -> str:
+    return calibration_page(_calibration(overview.work, raw=overview.raw))
+
+
+_MAKERS: Final[Mapping[str, Callable[[Overview], str]]] = {
+    "summary.html": _summary,
+    "index.html": _index,
+    "matrix.html": _matrix,
+    "studies.html": _studies,
+    "calibration.html": _calibration_page,
+    "data.html": _data,
+    "start.html": _start,
+    "excluded.html": _excluded,
+    "dictionary.html": _dictionary,
+}
+OVERVIEW_PAGES: Final = tuple(_MAKERS)
+"""File names of the overview pages, the dearest first: made side by side, none is waited for at the end."""
 
 
 def _calibration(work: Path, *, raw: bool) -> CalibrationTables:

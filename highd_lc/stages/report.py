@@ -1,7 +1,8 @@
 """Report: a page and a picture of each event, then the pages of the whole run."""
 
 import re
-from functools import cache
+from collections.abc import Iterator
+from functools import cache, partial
 from pathlib import Path
 
 import numpy as np
@@ -14,12 +15,13 @@ from highd_lc.reporting.event import PAIRS, EventReport
 from highd_lc.reporting.figures_event import VECTOR_FORMATS, EventPainter, event_vector
 from highd_lc.reporting.pages_event import Links, event_page
 from highd_lc.reporting.pages_index import SPARK_SECONDS
+from highd_lc.stages import collector
 from highd_lc.stages.crosslinks import has_scenarios, link_to_report
-from highd_lc.stages.event_report import RecordingTables, event_report, read_tables
-from highd_lc.stages.overview_pages import overview_pages
+from highd_lc.stages.event_report import event_report, read_tables
+from highd_lc.stages.overview_pages import OVERVIEW_PAGES, Overview, page_of
 from highd_lc.vocab import names
 from highd_lc.vocab.errors import UsageError
-from highd_lc.vocab.job import Combination, Job, JobReport, ReportRequest
+from highd_lc.vocab.job import CarryOut, Combination, Job, JobReport, ReportRequest, one_by_one
 from highd_lc.vocab.settings import ReportSettings
 from highd_lc.vocab.tables import TABLES
 
@@ -77,23 +79,29 @@ def top_events(work: Path, count: int) -> frozenset[str]:
 
 def run(job: Job, *, request: ReportRequest) -> JobReport:
     """Make the pages and pictures of a recording's events, and the part ``event_pages`` that the index draws."""
-    tables = read_tables(job)
-    rows = []
-    scenes = load_scenes(job.work, job.recording, job.settings.validation)
-    for k, (event, scene) in enumerate(zip(tables.events, scenes, strict=True)):
-        if request.events is None or event["event_id"] in request.events:
-            report = event_report(event, tables, scene, job.settings.validation)
-            links = _links(tables, k, request)
-            _write_event(report, links, request=request, raw=job.settings.report.raw)
-            rows.append(_page_row(report, job, links))
+    with collector.put_off():
+        rows = list(_event_pages(job, request))
     if request.events is None:
         frame = pd.DataFrame(rows, columns=list(TABLES["event_pages"].column_names))
         artefacts.write_part(job, STAGE, "event_pages", frame)
     return JobReport({"pages": len(rows), "pictures": sum(row["png"] for row in rows)})
 
 
-def _links(tables: RecordingTables, k: int, request: ReportRequest) -> Links:
+def _event_pages(job: Job, request: ReportRequest) -> Iterator[dict[str, object]]:
+    """Write the pages and pictures of a recording's events; yields the row of ``event_pages`` of each."""
+    tables = read_tables(job)
     ids = [str(event["event_id"]) for event in tables.events]
+    scenes = load_scenes(tables.scenes, job.settings.validation)
+    for k, (event, scene) in enumerate(zip(tables.events, scenes, strict=True)):
+        if request.events is None or event["event_id"] in request.events:
+            report = event_report(event, tables, scene, job.settings.validation)
+            links = _links(ids, k, request)
+            _write_event(report, links, request=request, raw=job.settings.report.raw)
+            yield _page_row(report, job, links)
+
+
+def _links(ids: list[str], k: int, request: ReportRequest) -> Links:
+    """What the page of the k-th of a recording's events links to."""
     picture = request.pictures is None or ids[k] in request.pictures
     return Links(
         previous=ids[k - 1] if k > 0 and request.events is None else None,
@@ -154,17 +162,20 @@ def _spark(report: EventReport, policy: str) -> list[float]:
     return [round(float(v), 2) for v in play.followers[0].v[samples]]
 
 
-def combine(combination: Combination, *, request: ReportRequest) -> JobReport:
+def combine(combination: Combination, *, request: ReportRequest, carry_out: CarryOut = one_by_one) -> JobReport:
     """Make the index and the overview pages from the finished artefacts of the whole run.
 
     Pages of single events leave them as they are. Scenarios beside the report are linked, there and back.
+    carry_out: makes the pages, side by side where it can.
     """
     if request.events is not None:
         return JobReport()
     work, raw = combination.work, combination.settings.report.raw
     statistics = combination.settings.validation.statistics
     artefacts.concatenate(work, STAGE, "event_pages", combination.recordings, combination.provenance)
-    pages = {name: page.encode("utf-8") for name, page in overview_pages(work, raw=raw, statistics=statistics)}
+    overview = Overview(work, raw, statistics)
+    made = carry_out([partial(page_of, name, overview) for name in OVERVIEW_PAGES])
+    pages = dict(zip(OVERVIEW_PAGES, made, strict=True))
     scenarios = has_scenarios(request.reports)
     for name, page in pages.items():
         _write(request.reports / name, TO_SCENARIOS.opened(page) if scenarios else page)

@@ -1,12 +1,21 @@
 """What a stage is handed: one recording to work on, or all finished parts to combine."""
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Final
+from typing import Final, TypeAlias
 
 from highd_lc.vocab.settings import Settings
 
 ALL: Final = -1
+
+CarryOut: TypeAlias = Callable[[Sequence[Callable[[], bytes]]], list[bytes]]
+"""A way to carry out calls that do not depend on each other: their results, in the calls' order."""
+
+
+def one_by_one(calls: Sequence[Callable[[], bytes]]) -> list[bytes]:
+    """The plainest ``CarryOut``."""
+    return [call() for call in calls]
 
 
 @dataclass(frozen=True)

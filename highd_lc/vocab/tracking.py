@@ -69,13 +69,17 @@ class Reference:
     @property
     def heading(self) -> FloatArray:
         """phi_r = atan2(ydot, xdot) without jumps of 2 pi [rad], shape (n + 1,)."""
-        return np.unwrap(np.arctan2(self.ydot, self.xdot))
+        angles = np.arctan2(self.ydot, self.xdot)
+        # Of a car that hardly turns none jumps, and looking costs a tenth of unwrapping.
+        jumps = np.abs(angles[1:] - angles[:-1]).max() > np.pi
+        return np.unwrap(angles) if jumps else angles
 
     @property
     def curvature(self) -> FloatArray:
         """kappa_r = (xdot yddot - ydot xddot) / v_r^3 [1/m], shape (n + 1,); 0 at standstill."""
-        moving = self.speed > _STANDSTILL
-        cubed = np.where(moving, self.speed, 1.0) ** 3
+        speed = self.speed
+        moving = speed > _STANDSTILL
+        cubed = np.where(moving, speed, 1.0) ** 3
         return np.where(moving, (self.xdot * self.yddot - self.ydot * self.xddot) / cubed, 0.0)
 
     def steering(self, wheelbase: float) -> FloatArray:

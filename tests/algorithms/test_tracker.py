@@ -1,5 +1,7 @@
 """The closed loop: accuracy on nominal plans, agreement with a plain loop, statuses, disturbances."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -8,7 +10,7 @@ from tracking_plans import quintic_reference
 
 from highd_lc.algorithms.closed_loop import Disturbance
 from highd_lc.algorithms.controllers import MpcController, track_kinematic
-from highd_lc.algorithms.tracker import track, track_many
+from highd_lc.algorithms.tracker import controller, errors_and_inputs, track, track_many
 from highd_lc.vocab.errors import ShapeError
 from highd_lc.vocab.tracking import (
     INVALID_REFERENCE,
@@ -158,6 +160,21 @@ def test_many_plans_equal_single_plans():
             np.testing.assert_array_equal(one.states, result.states)
             np.testing.assert_array_equal(one.inputs, result.inputs)
     assert track_many([], wheelbases=[], settings=SETTINGS) == []
+
+
+def test_what_is_drawn_is_what_is_tracked_with_one_controller_for_all():
+    shared = controller(SETTINGS, 0.1)
+    for v0, shift, T in NOMINAL[:3]:
+        reference = quintic_reference(v0, shift, T)
+        result = drive(reference)
+        errors, inputs = errors_and_inputs(reference, wheelbase=2.7, settings=SETTINGS, shared=shared)
+        np.testing.assert_array_equal(errors, result.errors)
+        np.testing.assert_array_equal(inputs, result.inputs)
+    broken = replace(reference, x=np.full_like(reference.x, np.nan))
+    errors, inputs = errors_and_inputs(broken, wheelbase=2.7, settings=SETTINGS, shared=shared)
+    assert errors.shape == (broken.n_steps + 1, 3)
+    assert np.all(np.isnan(errors))
+    assert np.all(np.isnan(inputs))
 
 
 def test_shapes_that_do_not_fit_are_named():

@@ -15,6 +15,24 @@ def test_a_cubic_motion_comes_back_exactly(rate):
     np.testing.assert_allclose(hermite(t, *cubic(t)[:2], grid), cubic(grid)[0], atol=1e-12)
 
 
+def plain_hermite(t, x, v, grid):
+    """Numpy twin of ``hermite``."""
+    i = np.clip(np.searchsorted(t, grid, side="right") - 1, 0, len(t) - 2)
+    h = t[i + 1] - t[i]
+    u = (grid - t[i]) / h
+    w = 1.0 - u
+    ends = x[i] * w * w * (1.0 + 2.0 * u) + x[i + 1] * u * u * (3.0 - 2.0 * u)
+    return ends + h * u * w * (v[i] * w - v[i + 1] * u)
+
+
+def test_the_kernel_is_its_plain_twin():
+    rng = np.random.default_rng(1)
+    t = np.cumsum(rng.uniform(0.01, 0.1, 50))
+    x, v = rng.normal(size=(2, 50))
+    grid = rng.uniform(t[0], t[-1], 200)
+    np.testing.assert_allclose(hermite(t, x, v, grid), plain_hermite(t, x, v, grid), rtol=1e-14, atol=1e-14)
+
+
 def test_samples_on_the_grid_are_kept():
     t = np.arange(20) * 0.1
     rng = np.random.default_rng(0)

@@ -18,6 +18,7 @@ from highd_lc import engine
 from highd_lc.execution import InProcess, LocalProcesses
 from highd_lc.io import settings
 from highd_lc.io.inputs import Inputs, find_inputs
+from highd_lc.stage_run import _carry_out
 from highd_lc.vocab.errors import WorkerLostError
 from highd_lc.vocab.job import Options
 
@@ -149,3 +150,22 @@ def test_a_killed_run_leaves_no_processes(tmp_path: Path) -> None:
     process.kill()
     process.communicate()
     assert _survivors(process.pid) == []
+
+
+def _page(number: int) -> bytes:
+    return str(number).encode()
+
+
+def _die_anyway() -> bytes:
+    os.kill(os.getpid(), signal.SIGKILL)
+    return b""
+
+
+def test_pages_come_back_in_the_order_of_their_calls() -> None:
+    with LocalProcesses(2, preload=[]) as execution:
+        assert _carry_out(execution, [partial(_page, n) for n in range(5)]) == [b"0", b"1", b"2", b"3", b"4"]
+
+
+def test_a_page_that_ends_its_process_is_not_taken_for_a_recording() -> None:
+    with LocalProcesses(2, preload=[]) as execution, pytest.raises(WorkerLostError, match=r"^overview pages"):
+        _carry_out(execution, [partial(_page, 1), _die_anyway])

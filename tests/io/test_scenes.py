@@ -1,8 +1,10 @@
 """Reading scenes: what a recording without any lane change gives."""
 
 import pandas as pd
+import pytest
 
 from highd_lc.io.scenes import _grouped
+from highd_lc.vocab.errors import ArtefactError
 
 
 def test_no_rows_are_no_groups():
@@ -11,6 +13,13 @@ def test_no_rows_are_no_groups():
 
 
 def test_groups_are_ordered_slices():
-    rows = pd.DataFrame({"event_id": ["b", "a", "a"], "t": [0.0, 2.0, 1.0]})
+    rows = pd.DataFrame({"event_id": ["a", "a", "b"], "t": [1.0, 2.0, 0.0]})
     groups = _grouped(rows, by=["event_id"], order="t", columns=["t"])
     assert {key: of["t"].tolist() for key, of in groups.items()} == {("a",): [1.0, 2.0], ("b",): [0.0]}
+
+
+@pytest.mark.parametrize(("ids", "times"), [("aba", [0.0, 1.0, 2.0]), ("aab", [2.0, 1.0, 3.0])])
+def test_rows_in_another_order_are_refused(ids, times):
+    rows = pd.DataFrame({"event_id": list(ids), "t": times})
+    with pytest.raises(ArtefactError, match="ordered by event_id, t"):
+        _grouped(rows, by=["event_id"], order="t", columns=["t"])

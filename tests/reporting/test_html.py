@@ -39,6 +39,13 @@ def test_cells_take_one_precision_or_one_each():
     assert html.cells([(1.0, 2), (2.0, 0)]) == '<td class="n">1.00</td><td class="n">2</td>'
 
 
+def test_cells_of_every_kind_stand_side_by_side():
+    values = [1.0, -2.5, float("nan"), -0.001, math.inf, 3]
+    assert html.cells(values, 2) == "".join(html.cells([value], 2) for value in values)
+    assert html.cells([*values, None], 2) == html.cells(values, 2) + html.cells([None], 2)
+    assert html.cells([], 2) == html.cells(iter(()), 2) == ""
+
+
 def test_json_cannot_leave_its_script_element():
     hostile = {"a": "</script><script>alert(1)</script>", "b": "<!--", "c": "\u2028&"}
     text = html.json_script(hostile)

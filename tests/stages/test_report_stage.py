@@ -75,6 +75,16 @@ def make(work: Path, folder: Path, settings: Settings = SETTINGS, **wanted) -> N
     report.combine(combination(work, settings), request=request)
 
 
+def test_overview_pages_are_the_same_however_they_are_carried_out(work, made, tmp_path):
+    def last_first(calls):
+        return [call() for call in reversed(calls)][::-1]
+
+    request = report.choose(work, SETTINGS.report, reports=tmp_path)
+    report.combine(combination(work), request=request, carry_out=last_first)
+    for name, _ in PAGES:
+        assert (tmp_path / name).read_bytes() == (made / name).read_bytes()
+
+
 def events(work: Path) -> list[str]:
     return artefacts.read(work, "events")["event_id"].tolist()
 
