@@ -9,8 +9,9 @@ highd as it is shipped, to the report; the others stop after validate and plan t
 studies on samples, with the GA or the screen as the optimiser of the calibration.
 
 Each stage is a command of its own (its start-up included), so that its processes can be added up, workers and
-all: CPU time as it stood when each process was last seen, memory as the largest sum of what was in use at one
-moment (proportional set size: pages that processes share count once), sampled ten times a second.
+all: CPU time as it stood when each process was last seen, ten times a second; memory as the largest sum of what was
+in use at one moment (proportional set size: pages that processes share count once), once a second, since the
+kernel walks through all pages of a process for it.
 """
 
 import argparse
@@ -40,6 +41,8 @@ _FIXED_FORM = {
     "multibody_sample": "0",
 }
 _SAMPLE_SECONDS = 0.1
+_LOOKS_AT_MEMORY = 10
+"""One in so many samples looks at the memory: at every one the watching took a quarter of a core."""
 
 
 @dataclass(frozen=True)
@@ -138,10 +141,13 @@ class _Watch:
     session: int
     cpu: dict[str, float] = field(default_factory=dict)
     memory: int = 0
+    looks: int = 0
 
     def look(self) -> None:
         processes = _processes(self.session)
-        self.memory = max(self.memory, sum(map(_memory, processes)))
+        if self.looks % _LOOKS_AT_MEMORY == 0:
+            self.memory = max(self.memory, sum(map(_memory, processes)))
+        self.looks += 1
         self.cpu |= {process.name: seconds for process in processes if (seconds := _cpu(process)) is not None}
 
 

@@ -88,6 +88,8 @@ def _numbered(count: int) -> str:
 
 
 def _notices(report: EventReport) -> list[str]:
+    if not report.plans:
+        return ["This event could not be planned; the run lists why. The recorded motion alone is shown."]
     infeasible = [row for row in report.plans if event_rows.is_infeasible(row)]
     return [_infeasible_notice(policy, rows) for policy, rows in event_rows.by_policy(infeasible).items()]
 

@@ -188,3 +188,10 @@ def infeasible_event() -> EventReport:
         losses=tuple(map(loss, report.losses)),
         plays=tuple(p for p in report.plays if p.policy not in names.FIXED_POLICIES),
     )
+
+
+def unplanned_event() -> EventReport:
+    """An event whose planning failed: nothing but what was recorded and fitted."""
+    report = sample_event()
+    recorded = tuple(p for p in report.plays if p.measured)
+    return replace(report, plans=(), losses=(), tracking=(), plays=recorded, track_traces=(), surface=None)

@@ -2,7 +2,7 @@
 
 import pytest
 from browser import Watched, chromium
-from sample_event import infeasible_event, sample_event
+from sample_event import infeasible_event, sample_event, unplanned_event
 from sample_run import calibration, matrix, recordings, sample_run, sample_summary
 from sample_studies import studies
 from test_pages_start import foresight, tiles
@@ -41,6 +41,7 @@ def folder(tmp_path_factory):
         "dictionary.html": dictionary_page(),
         "events/event.html": event_page(sample_event(), Links()),
         "events/infeasible.html": event_page(infeasible_event(), Links()),
+        "events/unplanned.html": event_page(unplanned_event(), Links()),
     }
     for name, text in pages.items():
         (root / name).write_text(text, encoding="utf-8")
@@ -290,7 +291,7 @@ def test_overview_pages_are_quiet(opened, name):
 ALL_PAGES = ("index", "summary", "matrix", "studies", "start", "calibration", "data", "excluded", "dictionary")
 
 
-@pytest.mark.parametrize("name", [*ALL_PAGES, "events/event", "events/infeasible"])
+@pytest.mark.parametrize("name", [*ALL_PAGES, "events/event", "events/infeasible", "events/unplanned"])
 def test_on_a_telephone_nothing_is_wider_than_the_screen(opened, name):
     page = opened(f"{name}.html", width=420)
     page.evaluate("document.querySelectorAll('details').forEach(d => { d.open = true; })")

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from sample_event import EVENT_ID, infeasible_event, sample_event
+from sample_event import EVENT_ID, infeasible_event, sample_event, unplanned_event
 
 from highd_lc.reporting.event import gain
 from highd_lc.reporting.event_rows import LOSS_COLUMNS
@@ -81,6 +81,13 @@ def test_an_infeasible_event_says_why():
     assert "Rejected by: lateral jerk 1200, clearance to target leader 34." in text
     assert "−0.75" in text
     assert np.isnan(report.gain())
+
+
+def test_an_event_without_plans_says_so_and_has_no_empty_sections():
+    page = event_page(unplanned_event(), Links())
+    assert "This event could not be planned; the run lists why." in text_of(page)
+    headings = re.findall(r"<h2[^>]*>(.*?)</h2>", page)
+    assert headings == ["Motion", "Calibration of the followers", "Provenance"]
 
 
 def test_an_overlap_at_the_start_says_so():
