@@ -9,8 +9,8 @@ highd as it is shipped, to the report; the others stop after validate and plan t
 studies on samples, with the GA or the screen as the optimiser of the calibration.
 
 Each stage is a command of its own (its start-up included), so that its processes can be added up, workers and
-all: CPU time as it stood when each process was last seen, ten times a second; memory as the largest sum of what was
-in use at one moment (proportional set size: pages that processes share count once), once a second, since the
+all: CPU time as it stood when each process was last seen, ten times a second; memory as the largest sum of what
+was in use at one moment (proportional set size: pages that processes share count once), once a second, since the
 kernel walks through all pages of a process for it.
 """
 
