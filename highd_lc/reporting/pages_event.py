@@ -75,7 +75,7 @@ def _lead(report: EventReport) -> str:
     kind, duration = str(event["ego_class"]).lower(), html.number(event["duration_s"], 1)
     lead = (
         f"A {kind} changes to the {event['direction']} in {duration} s in front of {followers} on the target "
-        f"lane. An automated vehicle (AV) is planned in its place; {_numbered(count)}."
+        f"lane. {'An automated vehicle (AV) is planned in its place; ' if report.plans else ''}{_numbered(count)}."
     )
     if html.is_missing(event["leader_leaves_s"]):
         return lead

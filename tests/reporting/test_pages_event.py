@@ -86,6 +86,7 @@ def test_an_infeasible_event_says_why():
 def test_an_event_without_plans_says_so_and_has_no_empty_sections():
     page = event_page(unplanned_event(), Links())
     assert "This event could not be planned; the run lists why." in text_of(page)
+    assert "is planned in its place" not in text_of(page)
     headings = re.findall(r"<h2[^>]*>(.*?)</h2>", page)
     assert headings == ["Motion", "Calibration of the followers", "Provenance"]
 
