@@ -65,7 +65,7 @@ def violation(T: float, delta: float, change: float, v0: float, D: float, limit:
 
 @njit(inline="always")
 def _slowest_known(T: float, delta: float, change: float, v0: float, D: float) -> float:
-    """The lower of the speeds halfway and at the end [m/s]: far cheaper than the lowest of all."""
+    """The lower of the speeds halfway (see ``forward_interval``) and at the end [m/s]; an extremum is dear."""
     halfway = math.hypot(v0 + 1.875 * delta / T - 0.4375 * change, 1.875 * D / T)
     return min(halfway, abs(v0 + change))
 

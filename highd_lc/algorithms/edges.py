@@ -59,9 +59,9 @@ def _promising(pool: Pool, goals: list[Goal]) -> tuple[IntArray, IntArray]:
 
 def _on_lines(pool: Pool, wanted: NDArray[np.bool_]) -> IntArray:
     """The lines over x_final that hold a wanted candidate, in order: no other one has a promising interval."""
-    lasts = np.zeros(pool.n.max() + 1, np.bool_)
-    lasts[pool.n[wanted]] = True
-    on = np.flatnonzero(lasts[pool.n])
+    durations = np.zeros(pool.n.max() + 1, np.bool_)
+    durations[pool.n[wanted]] = True
+    on = np.flatnonzero(durations[pool.n])
     on = on[np.isin(pool.change[on], pool.change[wanted])]
     return on[np.lexsort((pool.delta[on], pool.change[on], pool.n[on]))]
 

@@ -89,20 +89,20 @@ def read_scene_tables(work: Path, recording: int, settings: PlannerSettings) -> 
         events=artefacts.read(work, "events", recording=recording),
         vehicles=vehicles,
         followers=followers,
-        tracks=_grouped(rows, by=["event_id", "role"], order="t", columns=_TRACK_COLUMNS),
+        tracks=_grouped("event_tracks", rows, by=["event_id", "role"], order="t", columns=_TRACK_COLUMNS),
         sizes=dict(zip(vehicles["vehicle_id"].tolist(), sizes, strict=True)),
-        fits=_grouped(drivers, by=["event_id"], order="follower", columns=_FIT_COLUMNS),
+        fits=_grouped("followers", drivers, by=["event_id"], order="follower", columns=_FIT_COLUMNS),
     )
 
 
 def _grouped(
-    frame: pd.DataFrame, *, by: list[str], order: str, columns: list[str]
+    name: str, frame: pd.DataFrame, *, by: list[str], order: str, columns: list[str]
 ) -> dict[tuple[str, ...], Columns]:
     """Columns of each group's rows. Slices of a table in its order: a frame a group costs ten times as much.
 
     Raises ArtefactError if the table is in another order.
     """
-    keys = [frame[name].array for name in by]
+    keys = [frame[column].array for column in by]
     changes = np.zeros(max(len(frame) - 1, 0), bool)
     for key in keys:
         changes |= np.asarray(key[1:] != key[:-1], bool)
@@ -111,10 +111,10 @@ def _grouped(
     # Keys of the groups alone are taken out: value by value, text in arrow's memory is slow.
     names_of = list(zip(*(key.take(starts).tolist() for key in keys), strict=True))
     if len(set(names_of)) < len(names_of) or not np.all(changes | (along[1:] >= along[:-1])):
-        raise ArtefactError(f"rows are not ordered by {', '.join([*by, order])}")
-    arrays = {name: frame[name].to_numpy() for name in columns}
+        raise ArtefactError(f"{name}: rows are not ordered by {', '.join([*by, order])}")
+    arrays = {column: frame[column].to_numpy() for column in columns}
     return {
-        key: {name: values[first:stop] for name, values in arrays.items()}
+        key: {column: values[first:stop] for column, values in arrays.items()}
         for key, (first, stop) in zip(names_of, pairwise([*starts.tolist(), len(frame)]), strict=True)
     }
 

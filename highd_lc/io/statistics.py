@@ -133,34 +133,6 @@ def _range(low: float, high: float) -> str:
     return f"from {low:g}" if np.isinf(high) else f"{low:g} to {high:g}"
 
 
-def validation_matrix(
-    events: pd.DataFrame, losses: "PolicyLosses", settings: StatisticsSettings, *, seed: int
-) -> pd.DataFrame:
-    """Gain of the local optimum over the benchmark in every cell: form x accounting x stratum.
-
-    events: see ``strata``, indexed by event_id. Events without a feasible plan of either
-    policy count in n_events and infeasible, not in the totals; events that could not be planned at all (listed as
-    problems of the run), or whose start was not chosen, count nowhere.
-    """
-    bootstrap = Bootstrap(settings.bootstrap, settings.confidence, seed)
-    members = strata(events)
-    rows = []
-    for form, (benchmark, local) in (PAIR_OF_FORM | PAIR_OF_START_FORM).items():
-        for accounting in names.ACCOUNTINGS:
-            pair = losses.pair(accounting, local, benchmark)
-            if pair.empty:
-                continue
-            pair = _with_somebody_worse(pair, settings.tie_band)[list(_CELL_COLUMNS)]
-            human = losses.of(accounting, names.HUMAN).reindex(pair.index)
-            for stratum, inside in members.items():
-                chosen = inside.reindex(pair.index).to_numpy(bool)
-                if chosen.any():
-                    row = {"form": form, "accounting": accounting, "stratum": stratum}
-                    row |= _cell(pair[chosen], bootstrap, settings.tie_band)
-                    rows.append(row | {"share_observed": _share_observed(human, chosen)})
-    return pd.DataFrame(rows, columns=list(TABLES["validation_matrix"].column_names))
-
-
 class PolicyLosses:
     """The losses of a population, split by accounting and policy once. losses: the artefact."""
 
@@ -182,6 +154,34 @@ class PolicyLosses:
         if one.empty or other.empty:
             return pd.DataFrame()
         return one.add_suffix("_1").join(other.add_suffix("_0"), how="inner")
+
+
+def validation_matrix(
+    events: pd.DataFrame, losses: PolicyLosses, settings: StatisticsSettings, *, seed: int
+) -> pd.DataFrame:
+    """Gain of the local optimum over the benchmark in every cell: form x accounting x stratum.
+
+    events: see ``strata``, indexed by event_id. Events without a feasible plan of either policy count in n_events
+    and infeasible, not in the totals; events that could not be planned at all (listed as problems of the run), or
+    whose start was not chosen, count nowhere.
+    """
+    bootstrap = Bootstrap(settings.bootstrap, settings.confidence, seed)
+    members = strata(events)
+    rows = []
+    for form, (benchmark, local) in (PAIR_OF_FORM | PAIR_OF_START_FORM).items():
+        for accounting in names.ACCOUNTINGS:
+            pair = losses.pair(accounting, local, benchmark)
+            if pair.empty:
+                continue
+            pair = _with_somebody_worse(pair, settings.tie_band)[list(_CELL_COLUMNS)]
+            human = losses.of(accounting, names.HUMAN).reindex(pair.index)
+            for stratum, inside in members.items():
+                chosen = inside.reindex(pair.index).to_numpy(bool)
+                if chosen.any():
+                    row = {"form": form, "accounting": accounting, "stratum": stratum}
+                    row |= _cell(pair[chosen], bootstrap, settings.tie_band)
+                    rows.append(row | {"share_observed": _share_observed(human, chosen)})
+    return pd.DataFrame(rows, columns=list(TABLES["validation_matrix"].column_names))
 
 
 def _with_worst_follower(pair: pd.DataFrame) -> pd.DataFrame:

@@ -12,13 +12,13 @@ from highd_lc.vocab.fit_tables import FIT_TABLES
 from highd_lc.vocab.lcm_parameters import PARAMETERS, UNITS
 from highd_lc.vocab.scenario_tables import SCENARIO_TABLES
 from highd_lc.vocab.study_tables import STUDY_TABLES
+from highd_lc.vocab.summary_tables import SUMMARY_LCM, SUMMARY_LOSSES, VALIDATION_MATRIX
 
 SCHEMA_VERSION: Final = 2
 
 _RECORDING = Column("recording_id", "int64", "number in the recording's file name", minimum=0)
 _EVENT = _word("event_id", "RR-VVVV-FFFFF: recording, ego, crossing frame")
 _POLICY = _word("policy", "who planned the motion (SPEC section 6)", names.POLICIES)
-_FORMS = (*names.FORMS, *names.START_FORMS)
 _ACCOUNTING = _word("accounting", "over which time each side is charged", names.ACCOUNTINGS)
 _VEHICLE = Column("vehicle_id", "int64", "the vehicle's id in its recording", minimum=0)
 
@@ -292,39 +292,6 @@ LOSSES = Table(
     ),
 )
 
-VALIDATION_MATRIX = Table(
-    "validation_matrix",
-    "form, accounting and stratum",
-    ("form", "accounting", "stratum"),
-    (
-        _word("form", "fixed or free end speed; start, free_start: with a chosen start", _FORMS),
-        _ACCOUNTING,
-        _word("stratum", "all, or a class of one stratification"),
-        _count("n_events", "events in the stratum, infeasible ones included"),
-        _count("n_recordings", "recordings in the stratum"),
-        _number("total_benchmark", "sum of loss_total under the benchmark"),
-        _number("total_local", "sum of loss_total under the local optimum"),
-        _number("gain", "1 - total_local / total_benchmark"),
-        _number("gain_low", "lower end of the bootstrap interval over recordings"),
-        _number("gain_high", "upper end of the bootstrap interval over recordings"),
-        _number("gain_hv", "1 - ratio of the sums of loss_hv"),
-        _number("gain_av", "1 - ratio of the sums of loss_av"),
-        _number("median_difference", "median of the paired relative difference of loss_total"),
-        _number("hodges_lehmann", "Hodges-Lehmann estimate of the paired relative difference"),
-        _number("share_differ", "share of events whose two plans differ"),
-        _number("share_better", "share of events with a lower total under the local optimum"),
-        _number("share_worse", "share of events with a higher total under the local optimum"),
-        _number("share_worst_follower_worse", "share of events in which some follower loses"),
-        _number(
-            "share_observed",
-            "share of the follower seconds charged to the human's motion that were recorded, not extrapolated",
-            minimum=0,
-            maximum=1,
-        ),
-        _count("infeasible", "events without a feasible plan"),
-    ),
-)
-
 TRACKING = Table(
     "tracking",
     "event, policy and plant",
@@ -353,44 +320,6 @@ TRACKING = Table(
             "constraints that the tracked motion violates; null = not driven",
             nullable=True,
         ),
-    ),
-)
-
-SUMMARY_LCM = Table(
-    "summary_lcm",
-    "LCM parameter and group",
-    ("group", "quantity"),
-    (
-        _word("group", "all, or a vehicle class"),
-        _word("quantity", "LCM parameter or quality of fit"),
-        _count("n", "fitted followers"),
-        *(_number(q, f"{label} of ours") for q, label in (("q25", "25 %"), ("q50", "median"), ("q75", "75 %"))),
-        _number("mean", "mean of ours"),
-        _number("share_at_bound", "share of fits with the parameter on a bound", minimum=0, maximum=1),
-        *(_number(f"paper_{q}", "published value (Table 3)") for q in ("q25", "q50", "q75", "mean")),
-    ),
-)
-
-SUMMARY_LOSSES = Table(
-    "summary_losses",
-    "policy, reference policy, accounting and quantity",
-    ("policy", "against", "accounting", "quantity"),
-    (
-        _POLICY,
-        _word("against", "policy it is compared with", names.POLICIES),
-        _ACCOUNTING,
-        _word("quantity", "column of losses that is compared"),
-        _count("n", "events with both policies feasible"),
-        _number("mean", "mean of the policy"),
-        _number("mean_against", "mean of the other policy"),
-        _number("ratio_of_sums", "sum of the policy over sum of the other"),
-        _number("median_difference", "median of the paired difference"),
-        _number("hodges_lehmann", "Hodges-Lehmann estimate of the paired difference"),
-        _number("difference_low", "lower end of the bootstrap interval of the mean difference"),
-        _number("difference_high", "upper end of the bootstrap interval of the mean difference"),
-        _number("share_better", "share of events below the other policy"),
-        _number("share_worse", "share of events above the other policy"),
-        _number("share_tied", "share of events within the tie band"),
     ),
 )
 
