@@ -2,7 +2,8 @@ import numpy as np
 import pytest
 from image_recording import LOWER, meta_row, pair, recording_row, track_row, write
 
-from highd_lc.io.highd import discover, input_files, read_recording
+from highd_lc.io.highd import read_recording
+from highd_lc.io.highd_files import discover, input_files
 from highd_lc.vocab.errors import InputError
 
 
