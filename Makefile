@@ -1,64 +1,93 @@
 # The one door: every target sets up what it needs. DATA, WORK, REPORTS, WORKERS and PIPELINE pass through.
+PYTHON_GIVEN := $(filter command environment,$(firstword $(origin PYTHON)))
 PYTHON ?= python3
 VENV ?= .venv
 WORKERS ?= 2
-BIN := $(VENV)/bin
+
+# Values reach the recipes as variables of their shell, and make expands nothing in them: spaces, brackets, quotes,
+# $, & and ; mean nothing, and nothing in a value is ever executed. A leading ~ is the home folder.
+define NEW_LINE
+
+
+endef
+home = $(if $(findstring $(NEW_LINE)~/,$(NEW_LINE)$(1)/),$(subst $(NEW_LINE)~,$(value HOME),$(NEW_LINE)$(1)),$(1))
+VALUES := DATA WORK REPORTS PIPELINE OUT VENV PYTHON WORKERS SWEEP ARGS
+$(foreach name,$(VALUES),$(eval override $(name) := $$(call home,$$(value $(name)))))
+export $(VALUES) PYTHON_GIVEN
+
+BIN := "$$VENV"/bin
 HIGHD_LC := $(BIN)/highd-lc
-OPTIONS := $(if $(DATA),--data $(DATA)) $(if $(WORK),--work $(WORK)) $(if $(REPORTS),--reports $(REPORTS)) \
-           $(if $(PIPELINE),--pipeline $(PIPELINE)) --workers $(WORKERS)
+PLACES := $${WORK:+--work "$$WORK"} $${REPORTS:+--reports "$$REPORTS"}
+OPTIONS := $${DATA:+--data "$$DATA"} $(PLACES) $${PIPELINE:+--pipeline "$$PIPELINE"} --workers "$$WORKERS"
 # Exit code 4: done, but something was skipped and listed. make passes it as success, in words.
 PASS_4 = || { code=$$?; [ $$code -eq 4 ] && echo "done; what was skipped is listed above (exit code 4)" || exit $$code; }
 
-.PHONY: setup demo ingest extract calibrate validate report scenarios synthesize test test-faults check bench bench-full clean
+.PHONY: setup setup-dev help demo ingest extract calibrate validate report scenarios synthesize
+.PHONY: test test-faults check bench bench-full clean
 
-setup: $(VENV)/.set-up
-$(VENV)/.set-up: pyproject.toml constraints.txt
-	@test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
-	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable .
-	@touch $@
+## setup        virtual environment (.venv, or VENV=...) and package; PYTHON=... chooses the Python
+setup:
+	@sh tools/set_up.sh ""
 
-$(VENV)/.set-up-dev: $(VENV)/.set-up
-	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable ".[dev,cluster]"
-	@touch $@
+setup-dev:
+	@sh tools/set_up.sh "[dev,cluster]"
 
+## help         this list
+help:
+	@sed -n 's/^## //p' Makefile
+	@echo "DATA=... WORK=... REPORTS=... PIPELINE=... WORKERS=... pass through; see README.md"
+
+## demo         everything on synthetic recordings
 demo: setup
-	@$(HIGHD_LC) run --pipeline demo $(if $(WORK),--work $(WORK)) $(if $(REPORTS),--reports $(REPORTS)) --workers $(WORKERS) $(PASS_4)
+	@$(HIGHD_LC) run --pipeline demo $(PLACES) --workers "$$WORKERS" $(PASS_4)
 
+## validate     the main job: everything up to the report
 validate: setup
 	@$(HIGHD_LC) run $(OPTIONS) $(PASS_4)
 
+## ingest       the recordings into tracks
+## extract      up to the lane changes and their followers
+## calibrate    up to the LCM fits; ends with the paper's Table 3 beside ours
+## report       the pages
 ingest extract calibrate report: setup
 	@$(HIGHD_LC) $@ $(OPTIONS) $(PASS_4)
 
+## scenarios    the paper's simulation scenarios and the ledger against the paper; SWEEP=1: every combination
 scenarios: setup
-	@$(HIGHD_LC) scenarios $(if $(REPORTS),--out $(REPORTS)/scenarios) $(if $(WORK),--work $(WORK)) --workers $(WORKERS) \
-	  $(if $(PIPELINE),--pipeline $(PIPELINE)) $(if $(SWEEP),--sweep)
+	@$(HIGHD_LC) scenarios $${REPORTS:+--out "$$REPORTS/scenarios"} $${WORK:+--work "$$WORK"} --workers "$$WORKERS" \
+	  $${PIPELINE:+--pipeline "$$PIPELINE"} $${SWEEP:+--sweep}
 
+## synthesize   synthetic recordings into OUT=..., else data/synthetic
 synthesize: setup
-	@$(HIGHD_LC) synthesize $(or $(OUT),data/synthetic)
+	@$(HIGHD_LC) synthesize -- "$${OUT:-data/synthetic}"
 
+## test         the tests
 # A file's tests stay together: they share what is made once for all of them.
-test: $(VENV)/.set-up-dev
-	@$(BIN)/python -m pytest --numprocesses $(WORKERS) --dist loadfile
+test: setup-dev
+	@$(BIN)/python -m pytest --numprocesses "$$WORKERS" --dist loadfile
 
-# All faults: 50 kills, 4 workers, more bad input; `test` holds the short form.
-test-faults: $(VENV)/.set-up-dev
+## test-faults  the long form of the fault tests: 50 kills, 4 workers, more bad input
+test-faults: setup-dev
 	@HIGHD_LC_FAULTS=1 $(BIN)/python -m pytest tests/faults
 
-check: $(VENV)/.set-up-dev
+## check        lint, format, types, layers
+check: setup-dev
 	@$(BIN)/ruff check .
 	@$(BIN)/ruff format --check .
 	@$(BIN)/mypy
 	@$(BIN)/lint-imports
 	@$(BIN)/python docs/check_references.py
 
-bench: $(VENV)/.set-up-dev
+## bench        side-by-side ratios
+bench: setup-dev
 	@for file in benchmarks/bench_*.py; do echo "== $$file"; $(BIN)/python $$file || exit 1; done
 
-# HighD's size, synthesized: about 6 GB in a temporary folder. ARGS="--recordings 6" tries a part of it,
-# ARGS="--recordings 6 15 30 60 --cases fixed-ga fixed-screen" shows the growth.
-bench-full: $(VENV)/.set-up-dev
-	@$(BIN)/python benchmarks/full_scale.py --workers $(WORKERS) $(ARGS)
+## bench-full   a data set of HighD's size, synthesized (about 6 GB in a temporary folder); ARGS="..."
+# ARGS="--recordings 6" tries a part of it, ARGS="--recordings 6 15 30 60 --cases fixed-ga fixed-screen" shows the
+# growth.
+bench-full: setup-dev
+	@$(BIN)/python benchmarks/full_scale.py --workers "$$WORKERS" $$ARGS
 
+## clean        remove work, build and dist
 clean:
 	@rm -rf work build dist

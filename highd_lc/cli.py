@@ -7,6 +7,7 @@ import signal
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from importlib.metadata import version
 from pathlib import Path
 from typing import Annotated
 
@@ -103,7 +104,15 @@ def _settings(pipeline: str | None, data: Path | None) -> Settings:
 def _data(data: Path | None) -> Path | None:
     if data is not None and not data.is_dir():
         raise UsageError(f"{data}: not a folder; give the folder of the recordings' CSVs")
-    return data or (_HIGHD if _HIGHD.is_dir() and any(_HIGHD.iterdir()) else None)
+    return data or (_HIGHD if _HIGHD.is_dir() and any(map(_is_data, _HIGHD.iterdir())) else None)
+
+
+def _is_data(path: Path) -> bool:
+    """Whether a file is somebody's: neither hidden nor what a desktop or a repository leaves in a folder."""
+    name = path.name.lower()
+    return not (
+        name.startswith((".", "__")) or name in ("thumbs.db", "desktop.ini") or path.stem.lower() == "readme"
+    )
 
 
 def _stage_command(stage: str, text: str) -> None:
@@ -142,6 +151,20 @@ _TOP = (
     "else 50"
 )
 _OPEN = "open the report, or the event's page, in a browser once it is made"
+
+
+def _print_version(wanted: bool) -> None:
+    if wanted:
+        console.print(f"highd-lc {version('highd-lc')}", highlight=False)
+        raise typer.Exit
+
+
+_VERSION = typer.Option("--version", callback=_print_version, is_eager=True, help="Show the version and exit.")
+
+
+@app.callback()
+def _before_all(version_: Annotated[bool, _VERSION] = False) -> None:
+    pass
 
 
 @app.command()

@@ -8,7 +8,7 @@ from pathlib import Path
 from rich.console import Console
 
 from highd_lc.execution import Cluster, Execution, InProcess, LocalProcesses
-from highd_lc.io import atomic, highd, workspace
+from highd_lc.io import atomic, highd_files, workspace
 from highd_lc.io.inputs import find_inputs
 from highd_lc.io.records import Records
 from highd_lc.io.settings import digest, resolved
@@ -48,7 +48,9 @@ def _absolute(options: Options) -> Options:
 
 
 def _run_stages(settings: Settings, options: Options, data: Path, *, last: str, console: Console) -> Outcome:
-    recordings = highd.discover(data)
+    recordings = highd_files.discover(data)
+    if (folders := highd_files.folders(data)) != [data]:
+        console.print(f"recordings found in {' and '.join(map(str, folders))}", markup=False, soft_wrap=True)
     stages = [stage for stage in settings.stages if STAGES.index(stage) <= STAGES.index(last)]
     with _execution(options, len(recordings), stages) as execution:
         inputs = find_inputs(data, options.work, verify=options.verify)

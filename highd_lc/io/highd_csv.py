@@ -1,6 +1,7 @@
 """Typed reading of HighD's CSV files: only the columns asked for, and every fault named by file, column, row."""
 
 import csv
+import io
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from math import isfinite
@@ -13,6 +14,8 @@ import pyarrow.compute as pc
 from numpy.typing import NDArray
 from pyarrow import csv as arrow_csv
 
+from highd_lc.io import packed_file
+from highd_lc.io.highd_lookalikes import lookalike
 from highd_lc.io.plain_numbers import FIRST_FLOAT, read_plain
 from highd_lc.vocab.errors import InputError
 
@@ -23,7 +26,7 @@ Array = NDArray[np.float64] | NDArray[np.int64] | NDArray[np.str_]
 class Field:
     """A column of a CSV file: whole number, number or text, and the range that a sane file keeps.
 
-    optional: a number that the file may lack; it is NaN then.
+    optional: a number that the file may lack; it is NaN then. may_be_empty: a text that may have no letter.
     """
 
     name: str
@@ -31,11 +34,12 @@ class Field:
     low: float = -np.inf
     high: float = np.inf
     optional: bool = False
+    may_be_empty: bool = False
 
     def fault(self, text: str) -> str | None:
         """Why the text cannot be this field's value, or None."""
         if self.kind is str:
-            return None if text else "is empty"
+            return None if text or self.may_be_empty else "is empty"
         try:
             # Python would read 1_000 and foreign digits too.
             value = float(text) if text.isascii() and "_" not in text else None
@@ -69,7 +73,10 @@ def read_columns(path: Path, fields: Sequence[Field]) -> dict[str, Array]:
     """
     header = _checked_header(path, fields)
     present = [field for field in fields if field.name in header]
-    columns = _read_plain(path, header, present) or _read_general(path, header, present)
+    try:
+        columns = _read_plain(path, header, present) or _read_general(path, header, present)
+    except packed_file.FAULTS as error:
+        raise fault(path, f"cannot be read: {error}") from error
     unknown = np.full(len(columns[present[0].name]), np.nan)
     return {field.name: columns.get(field.name, unknown) for field in fields}
 
@@ -107,13 +114,14 @@ def _read_general(path: Path, header: list[str], fields: Sequence[Field]) -> dic
 
 def _read(path: Path, header: list[str], types: Mapping[str, pa.DataType]) -> pa.Table:
     """One thread: the engine runs recordings side by side, and one thread costs 30 % less CPU time."""
-    return arrow_csv.read_csv(
-        path,
-        read_options=arrow_csv.ReadOptions(use_threads=False, column_names=header, skip_rows=1),
-        convert_options=arrow_csv.ConvertOptions(
-            column_types=types, include_columns=list(types), strings_can_be_null=False
-        ),
-    )
+    with packed_file.open_bytes(path) as file:
+        return arrow_csv.read_csv(
+            file,
+            read_options=arrow_csv.ReadOptions(use_threads=False, column_names=header, skip_rows=1),
+            convert_options=arrow_csv.ConvertOptions(
+                column_types=types, include_columns=list(types), strings_can_be_null=False
+            ),
+        )
 
 
 def _read_leniently(path: Path, header: list[str], fields: Sequence[Field], first_error: Exception) -> pa.Table:
@@ -135,7 +143,7 @@ def _to_numpy(column: pa.ChunkedArray, field: Field) -> Array:
 
 def _is_faulty(values: Array, field: Field) -> bool:
     if field.kind is str:
-        return bool(np.any(values == ""))
+        return not field.may_be_empty and bool(np.any(values == ""))
     if len(values) == 0:
         return False
     low, high = values.min(), values.max()  # NaN is contagious and fails the comparison
@@ -149,21 +157,43 @@ def _checked_header(path: Path, fields: Sequence[Field]) -> list[str]:
         raise fault(path, "empty file")
     for field in fields:
         if header.count(field.name) != 1 and not (field.optional and field.name not in header):
-            text = "is missing" if field.name not in header else "is there more than once"
+            text = "is there more than once" if field.name in header else "is missing" + _instead(path, fields)
             raise fault(path, text, column=field.name)
     return header
+
+
+def _instead(path: Path, fields: Sequence[Field]) -> str:
+    """What a file without a column that it must have looks like, and what is expected, as an end of a sentence."""
+    if not (text := lookalike(first_line(path))):
+        return ""
+    columns = ", ".join(field.name for field in fields if not field.optional)
+    wanted = f"',' between cells, decimal points, the columns {columns}"
+    return f"; the file looks like {text}; expected is HighD's format: {wanted}"
+
+
+def first_line(path: Path) -> str:
+    """The first line of a file as text, at most 4096 characters; bytes that are no UTF-8 are shown escaped.
+
+    Raises InputError if the file cannot be read.
+    """
+    try:
+        with packed_file.open_bytes(path) as file:
+            line = file.readline(4096)
+    except packed_file.FAULTS as error:
+        raise fault(path, f"cannot be read: {error}") from error
+    return line.decode("utf-8-sig", errors="backslashreplace").strip()
 
 
 def _lines(path: Path) -> Iterator[tuple[int, list[str]]]:
     """Line numbers and cells. A byte order mark is dropped; bytes that are no UTF-8 are shown escaped."""
     try:
-        with path.open(encoding="utf-8-sig", errors="backslashreplace", newline="") as lines:
-            reader = csv.reader(lines)
+        with packed_file.open_bytes(path) as file:
+            reader = csv.reader(io.TextIOWrapper(file, "utf-8-sig", errors="backslashreplace", newline=""))
             for cells in reader:
                 yield reader.line_num, [cell.strip() for cell in cells]
     except FileNotFoundError:
         raise fault(path, "not found") from None
-    except (OSError, csv.Error) as error:
+    except (*packed_file.FAULTS, csv.Error) as error:
         raise fault(path, f"cannot be read: {error}") from error
 
 

@@ -19,7 +19,7 @@ _MARKINGS = ("upperLaneMarkings", "lowerLaneMarkings")
 _RECORDING_FIELDS = (
     Field("frameRate", float, 0.1, 1000),
     Field("locationId", int, -1, 1e6),
-    *(Field(name, str) for name in _MARKINGS),
+    *(Field(name, str, may_be_empty=True) for name in _MARKINGS),
 )
 _VEHICLE_FIELDS = (
     Field("id", int, 1, LARGEST_ID),
@@ -39,7 +39,9 @@ _VEHICLE_FIELDS = (
 
 @dataclass(frozen=True)
 class RecordingMeta:
-    """A recording's line. upper, lower: y of the markings in the image [m], ascending, shape (n,)."""
+    """A recording's line. upper, lower: y of the markings in the image [m], ascending, shape (n,);
+    empty = a carriageway that was not recorded.
+    """
 
     frame_rate: float
     location: int
@@ -76,7 +78,9 @@ def read_recording_meta(path: Path) -> RecordingMeta:
     if len(columns["frameRate"]) != 1:
         raise fault(path, f"{len(columns['frameRate'])} rows, expected 1")
     upper, lower = (_markings(path, name, str(columns[name][0])) for name in _MARKINGS)
-    if upper[-1] > lower[0]:
+    if len(upper) == len(lower) == 0:
+        raise fault(path, "no markings, and none of the lower carriageway", column=_MARKINGS[0], row=2)
+    if len(upper) and len(lower) and upper[-1] > lower[0]:
         raise fault(path, "begins above the end of the upper carriageway", column=_MARKINGS[1], row=2)
     return RecordingMeta(
         frame_rate=float(columns["frameRate"][0]),
@@ -87,6 +91,8 @@ def read_recording_meta(path: Path) -> RecordingMeta:
 
 
 def _markings(path: Path, column: str, text: str) -> FloatArray:
+    if text.strip(" ;").lower() in ("", "nan"):
+        return np.empty(0)
     try:
         values = np.array([float(cell) for cell in text.strip().removesuffix(";").split(";")])
     except ValueError:

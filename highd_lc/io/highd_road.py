@@ -59,6 +59,8 @@ def to_road(rows: Rows, meta: RecordingMeta, vehicles: VehicleMetas) -> Road:
     columns, index = rows.columns, rows.index
     begin = float(np.min(columns["x"]))
     end = float(np.max(np.maximum.reduceat(columns["x"], index.starts[:-1]) + vehicles.length))
+    if not (len(meta.upper) and len(meta.lower)):
+        _count_lanes_from_top(columns["laneId"], columns["y"] + np.repeat(vehicles.width, index.counts) / 2, meta)
     names = ("x", "y", "xVelocity", "yVelocity", "xAcceleration", "yAcceleration", "laneId")
     mismatches = _convert(
         index.starts,
@@ -77,6 +79,16 @@ def to_road(rows: Rows, meta: RecordingMeta, vehicles: VehicleMetas) -> Road:
     return Road(tracks, np.array([[0.0, end - begin], [begin, end]]), mismatches)
 
 
+def _count_lanes_from_top(lane: IntArray, centre: FloatArray, meta: RecordingMeta) -> None:
+    """Shift lane ids in place so that 1 is above the first marking, as most of the rows say, shape (rows,) each.
+
+    Where a carriageway is left out, its lanes may or may not be counted.
+    """
+    above = np.searchsorted(np.concatenate([meta.upper, meta.lower]), centre)
+    shifts, counts = np.unique(lane - above - 1, return_counts=True)
+    lane -= shifts[np.argmax(counts)]
+
+
 def _offsets(meta: RecordingMeta, vehicles: VehicleMetas, end: float) -> FloatArray:
     """Offsets of x, y and lane, and the number of lanes, of each vehicle: shape (4, vehicles).
 
@@ -85,10 +97,13 @@ def _offsets(meta: RecordingMeta, vehicles: VehicleMetas, end: float) -> FloatAr
     """
     upper = vehicles.direction == UPPER
     n_upper, n_lower = len(meta.upper), len(meta.lower)
+    # Nobody drives on a carriageway without markings.
+    right_of_upper = meta.upper[0] if n_upper else np.nan
+    right_of_lower = meta.lower[-1] if n_lower else np.nan
     return np.stack(
         [
             np.where(upper, end - vehicles.length / 2, vehicles.length / 2),
-            np.where(upper, vehicles.width / 2 - meta.upper[0], meta.lower[-1] - vehicles.width / 2),
+            np.where(upper, vehicles.width / 2 - right_of_upper, right_of_lower - vehicles.width / 2),
             np.where(upper, -1.0, n_upper + n_lower + 1.0),
             np.where(upper, n_upper, n_lower) - 1.0,
         ]

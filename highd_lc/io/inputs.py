@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-from highd_lc.io import highd, workspace
+from highd_lc.io import highd_files, workspace
 from highd_lc.io.settings import digest
 from highd_lc.vocab.errors import InputError
 from highd_lc.vocab.job import Problem
@@ -36,9 +36,9 @@ def find_inputs(data: Path, work: Path, *, verify: bool) -> Inputs:
     files: dict[int, tuple[Path, ...]] = {}
     keys: dict[int, str] = {}
     problems = []
-    for recording in highd.discover(data):
+    for recording in highd_files.discover(data):
         try:
-            files[recording] = highd.input_files(data, recording)
+            files[recording] = highd_files.input_files(data, recording)
             keys[recording] = digest(*map(hashes.of, files[recording]))
         except InputError as error:
             problems.append(Problem(recording, "ingest", str(error)))

@@ -11,6 +11,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from highd_lc.io.packed_file import open_bytes, size_of
+
 SKIPPED = -1
 FIRST_FLOAT = 64
 
@@ -43,7 +45,7 @@ def read_plain(
     n_floats = int(np.sum(kinds >= FIRST_FLOAT))
     # The shortest line: a comma or line feed a column, a digit a column that is read. Pages of an array that
     # nothing is written to take no memory, so the bound may be generous.
-    most_rows = path.stat().st_size // (len(kinds) + n_integers + n_floats) + 1
+    most_rows = size_of(path) // (len(kinds) + n_integers + n_floats) + 1
     integers = np.empty((n_integers, most_rows), dtype=np.int64)
     floats = np.empty((n_floats, most_rows))
     rows = _read_chunks(path, kinds, limits, integers=integers, floats=floats)
@@ -63,7 +65,7 @@ def _read_chunks(
     words = np.ndarray(shape=_CHUNK + 1, dtype=np.uint64, buffer=buffer, strides=1)
     runs = _runs(kinds)
     row = kept = 0
-    with path.open("rb") as file:
+    with open_bytes(path) as file:
         file.readline()
         while got := file.readinto(memoryview(buffer)[kept:_CHUNK]):
             filled = kept + got

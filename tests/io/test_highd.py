@@ -2,7 +2,8 @@ import numpy as np
 import pytest
 from image_recording import LOWER, meta_row, pair, recording_row, track_row, write
 
-from highd_lc.io.highd import discover, input_files, read_recording
+from highd_lc.io.highd import read_recording
+from highd_lc.io.highd_files import discover, input_files
 from highd_lc.vocab.errors import InputError
 
 
@@ -102,3 +103,36 @@ def test_frame_rate_is_that_of_the_meta(tmp_path):
 def test_carriageways_in_the_wrong_order_are_refused(tmp_path):
     with pytest.raises(InputError, match="row 2, column 'lowerLaneMarkings'"):
         read_recording(pair(tmp_path, recording=recording_row(upper=LOWER, lower=LOWER.replace("28", "29"))), 1)
+
+
+def one_carriageway(folder, direction, *, empty, first_lane):
+    """A vehicle drives through all lanes of its carriageway, from the smallest id on, a frame in each."""
+    lanes = range(4) if direction == 1 else range(3)
+    top, vx = (8.0, -30.0) if direction == 1 else (28.0, 30.0)
+    tracks = [track_row(k + 1, 3, 100.0, top + 1 + 4 * k, vx=vx, lane=first_lane + k) for k in lanes]
+    metas = [meta_row(3, direction=direction, frames=(1, len(lanes)))]
+    markings = {"lower": empty} if direction == 1 else {"upper": empty}
+    return write(folder, tracks=tracks, metas=metas, recording=recording_row(**markings))
+
+
+@pytest.mark.parametrize("empty", ["", "nan", "NaN", ";", " "])
+@pytest.mark.parametrize(("direction", "lanes"), [(1, [1, 2, 3, 4]), (2, [3, 2, 1])])
+@pytest.mark.parametrize("first_lane", [1, 2, 7])
+def test_a_carriageway_may_be_left_out_and_its_lanes_counted_or_not(tmp_path, empty, direction, lanes, first_lane):
+    """Lane 1 is the rightmost, wherever the ids begin."""
+    road = read_recording(one_carriageway(tmp_path, direction, empty=empty, first_lane=first_lane), 1).road
+    assert road.tracks.lane.tolist() == lanes
+    assert road.lane_mismatches.tolist() == [0]
+    right = 8.0 if direction == 1 else 40.0
+    corners = (8.0 if direction == 1 else 28.0) + 1 + 4 * np.arange(len(lanes))
+    np.testing.assert_allclose(road.tracks.y, abs(corners + 1 - right))
+
+
+def test_a_vehicle_on_a_carriageway_without_markings_is_refused(tmp_path):
+    for markings, vehicle in (({"upper": ""}, 7), ({"lower": ""}, 3)):
+        with pytest.raises(
+            InputError, match=rf"01_tracksMeta\.csv: column 'drivingDirection': vehicle {vehicle} "
+        ):
+            read_recording(pair(tmp_path, recording=recording_row(**markings)), 1)
+    with pytest.raises(InputError, match=r"01_recordingMeta\.csv: row 2, column 'upperLaneMarkings': no markings"):
+        read_recording(pair(tmp_path, recording=recording_row(upper="", lower="")), 1)
