@@ -9,19 +9,19 @@ import numpy as np
 import pandas as pd
 
 from highd_lc.io import artefacts, atomic
-from highd_lc.io.scenes import load_scenes
+from highd_lc.io.scenes import scene_makers
 from highd_lc.reporting.crosslinks import TO_SCENARIOS
 from highd_lc.reporting.event import PAIRS, EventReport
 from highd_lc.reporting.figures_event import VECTOR_FORMATS, EventPainter, event_vector
-from highd_lc.reporting.pages_event import Links, event_page
+from highd_lc.reporting.pages_event import Links, event_page, failed_page
 from highd_lc.reporting.pages_index import SPARK_SECONDS
 from highd_lc.stages import collector
 from highd_lc.stages.crosslinks import has_scenarios, link_to_report
 from highd_lc.stages.event_report import event_report, read_tables
 from highd_lc.stages.overview_pages import OVERVIEW_PAGES, Overview, page_of
 from highd_lc.vocab import names
-from highd_lc.vocab.errors import UsageError
-from highd_lc.vocab.job import CarryOut, Combination, Job, JobReport, ReportRequest, one_by_one
+from highd_lc.vocab.errors import StorageError, UsageError, told
+from highd_lc.vocab.job import CarryOut, Combination, Job, JobReport, Problem, ReportRequest, one_by_one
 from highd_lc.vocab.settings import ReportSettings
 from highd_lc.vocab.tables import TABLES
 
@@ -79,25 +79,36 @@ def top_events(work: Path, count: int) -> frozenset[str]:
 
 def run(job: Job, *, request: ReportRequest) -> JobReport:
     """Make the pages and pictures of a recording's events, and the part ``event_pages`` that the index draws."""
+    problems: list[Problem] = []
     with collector.put_off():
-        rows = list(_event_pages(job, request))
+        rows = list(_event_pages(job, request, problems))
     if request.events is None:
         frame = pd.DataFrame(rows, columns=list(TABLES["event_pages"].column_names))
         artefacts.write_part(job, STAGE, "event_pages", frame)
-    return JobReport({"pages": len(rows), "pictures": sum(row["png"] for row in rows)})
+    counts = {"pages": len(rows), "pictures": sum(row["png"] for row in rows)}
+    return JobReport(counts, tuple(problems))
 
 
-def _event_pages(job: Job, request: ReportRequest) -> Iterator[dict[str, object]]:
-    """Write the pages and pictures of a recording's events; yields the row of ``event_pages`` of each."""
+def _event_pages(job: Job, request: ReportRequest, problems: list[Problem]) -> Iterator[dict[str, object]]:
+    """Write the pages and pictures of a recording's events; yields the row of ``event_pages`` of each.
+
+    An event whose motions cannot be drawn gets a page that says why, and a problem.
+    """
     tables = read_tables(job)
     ids = [str(event["event_id"]) for event in tables.events]
-    scenes = load_scenes(tables.scenes, job.settings.validation)
-    for k, (event, scene) in enumerate(zip(tables.events, scenes, strict=True)):
+    scenes = scene_makers(tables.scenes, job.settings.validation)
+    for k, (event, (_, scene_of)) in enumerate(zip(tables.events, scenes, strict=True)):
         if request.events is None or event["event_id"] in request.events:
-            report = event_report(event, tables, scene, job.settings.validation)
             links = _links(ids, k, request)
-            _write_event(report, links, request=request, raw=job.settings.report.raw)
-            yield _page_row(report, job, links)
+            try:
+                report = event_report(event, tables, scene_of(), job.settings.validation)
+                _write_event(report, links, request=request, raw=job.settings.report.raw)
+                yield _page_row(report, job, links)
+            except StorageError:
+                raise
+            except Exception as error:
+                problems.append(Problem(job.recording, STAGE, told(ids[k], error)))
+                _write_failed(ids[k], problems[-1].message, links, request.reports)
 
 
 def _links(ids: list[str], k: int, request: ReportRequest) -> Links:
@@ -128,6 +139,12 @@ def _write_event(report: EventReport, links: Links, *, request: ReportRequest, r
     made = {*links.vector, "png" if links.png else ""}
     for kind in {"png", *VECTOR_FORMATS} - made:
         base.with_suffix(f".{kind}").unlink(missing_ok=True)
+
+
+def _write_failed(event_id: str, why: str, links: Links, reports: Path) -> None:
+    """Write the page of an event that cannot be shown, for the index and its neighbours link to it."""
+    page = failed_page(event_id, why, links)
+    _write(reports / "events" / f"{event_id}.html", page.encode("utf-8"))
 
 
 def _page_row(report: EventReport, job: Job, links: Links) -> dict[str, object]:
