@@ -31,6 +31,25 @@ _MOST_AUTOMATIC = 500
 """Up to this many events, ``png = "auto"`` draws all of them."""
 
 
+def refuse_senseless(events: tuple[str, ...], vector: tuple[str, ...]) -> None:
+    """Raises UsageError if an event's id is none, or a format is not among the vector formats."""
+    for kind in vector:
+        if kind not in VECTOR_FORMATS:
+            raise UsageError(f"vector {kind!r}: choose from {', '.join(VECTOR_FORMATS)}")
+    for event in events:
+        if not _EVENT_ID.fullmatch(event):
+            raise UsageError(f"event {event!r}: an id is RR-VVVV-FFFFF: recording, ego, crossing frame")
+
+
+def known_events(work: Path, events: tuple[str, ...]) -> pd.DataFrame:
+    """Ids and recordings of the usable events. Raises UsageError if one asked for is not among them."""
+    known = artefacts.read(work, "events", columns=["event_id", "recording_id"])
+    unknown = sorted(set(events) - set(known["event_id"]))
+    if unknown:
+        raise UsageError(f"event {unknown[0]!r}: not among the {len(known)} usable events of {work}")
+    return known
+
+
 def choose(
     work: Path,
     settings: ReportSettings,
@@ -44,12 +63,9 @@ def choose(
     vector: further formats of the pictures, "pdf" or "svg". Raises UsageError if an event is not among the usable
     ones, or a format is another.
     """
-    _check_formats(vector)
-    of_event = artefacts.read(work, "events", columns=["event_id", "recording_id"])
+    refuse_senseless(events, vector)
+    of_event = known_events(work, events)
     known = of_event["event_id"]
-    unknown = sorted(set(events) - set(known))
-    if unknown:
-        raise UsageError(f"event {unknown[0]!r}: not among the {len(known)} usable events of {work}")
     wanted = frozenset(events) if events else None
     recordings = frozenset(of_event.loc[known.isin(events), "recording_id"].tolist()) if events else None
     if settings.png == "none":
@@ -57,12 +73,6 @@ def choose(
     every = settings.png == "all" or (settings.png == "auto" and len(known) <= _MOST_AUTOMATIC)
     pictures = wanted if events else None if every else top_events(work, settings.top)
     return ReportRequest(reports, wanted, pictures, vector, recordings)
-
-
-def _check_formats(vector: tuple[str, ...]) -> None:
-    for kind in vector:
-        if kind not in VECTOR_FORMATS:
-            raise UsageError(f"vector {kind!r}: choose from {', '.join(VECTOR_FORMATS)}")
 
 
 def top_events(work: Path, count: int) -> frozenset[str]:
