@@ -11,9 +11,10 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.console import Console
 
 from highd_lc.io import settings as settings_file
+from highd_lc.io.streams import PatientConsole, open_closed_streams
+from highd_lc.vocab.compile_cache import require_cache
 from highd_lc.vocab.errors import HighdLcError, InterruptedRunError, StorageError, UsageError
 from highd_lc.vocab.job import Options, Outcome, Problem
 from highd_lc.vocab.settings import Settings
@@ -21,8 +22,8 @@ from highd_lc.vocab.settings import Settings
 _HELP = "Calibrate and validate lane-change planning on HighD recordings."
 app = typer.Typer(no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False, help=_HELP)
 # Where nobody's terminal sets the width (make, CI, a log), the tables get the room that they need.
-console = Console(width=None if sys.stdout.isatty() else 100)
-errors = Console(stderr=True, soft_wrap=True, highlight=False)
+console = PatientConsole(width=None if sys.stdout and sys.stdout.isatty() else 100)
+errors = PatientConsole(stderr=True, soft_wrap=True, highlight=False)
 
 _HIGHD = Path("data/highd")
 
@@ -113,6 +114,11 @@ def _data(data: Path | None) -> Path | None:
     if data is not None and not data.is_dir():
         raise UsageError(f"{data}: not a folder; give the folder of the recordings' CSVs")
     return data or (_HIGHD if _HIGHD.is_dir() and any(_HIGHD.iterdir()) else None)
+
+
+@app.callback()
+def _prepare() -> None:
+    require_cache()
 
 
 def _stage_command(name: str, text: str) -> None:
@@ -235,6 +241,7 @@ def scenarios(
 
 def main() -> None:
     """Entry point: every known error is one line on stderr and its exit code."""
+    open_closed_streams()
     try:
         app()
     except HighdLcError as error:
