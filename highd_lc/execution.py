@@ -137,10 +137,8 @@ def _make_room_for_sockets() -> None:
     places = [place for place in (given, *_SHORT_FOLDERS) if len(os.fsencode(place)) <= _SOCKET_FOLDER_BYTES]
     short = next((place for place in places if os.access(place, os.W_OK | os.X_OK)), None)
     if short is None:
-        text = (
-            f"TMPDIR={given}: too long for the sockets of worker processes ({_SOCKET_FOLDER_BYTES} bytes at most)"
-        )
-        raise StorageError(f"{text}; name a shorter folder, or use --workers 1")
+        text = f"TMPDIR={given}: sockets of worker processes need a folder of at most {_SOCKET_FOLDER_BYTES} bytes"
+        raise StorageError(f"{text}: name a shorter one, or use --workers 1")
     if short != given:
         tempfile.tempdir = short
         try:
