@@ -1,4 +1,4 @@
-"""Streams that are closed, left or of another encoding, and names that are none: no traceback, the right exit code."""
+"""Streams that are closed, left or of another encoding, and odd names: no traceback, the right exit code."""
 
 import os
 import shutil

@@ -172,8 +172,13 @@ def test_a_page_that_ends_its_process_is_not_taken_for_a_recording() -> None:
         _carry_out(execution, [partial(_page, 1), _die_anyway])
 
 
-_ECHO = "from highd_lc.execution import LocalProcesses as P; from functools import partial as p\n"
-_ECHO += "if __name__ == '__main__':\n  with P(2, preload=[]) as e: print(sorted(r() for _, r in e.results({1: p(abs, -1)})))"
+_ECHO = """
+from functools import partial
+from highd_lc.execution import LocalProcesses
+if __name__ == "__main__":
+    with LocalProcesses(2, preload=[]) as execution:
+        print([result() for _, result in execution.results({1: partial(abs, -1)})])
+"""
 
 
 @pytest.mark.parametrize("length", [75, 76, 200])
@@ -194,5 +199,5 @@ def test_no_short_temporary_folder_is_told_with_the_variable_to_set(
 ) -> None:
     monkeypatch.setattr(tempfile, "tempdir", "/" + "x" * 90)
     monkeypatch.setattr(execution, "_SHORT_FOLDERS", ("/proc/nowhere",))
-    with pytest.raises(StorageError, match=r"^TMPDIR=/x+: .* at most 75 bytes .*shorter"):
+    with pytest.raises(StorageError, match=r"^TMPDIR=/x+: .* at most 75 bytes: name a shorter one"):
         LocalProcesses(2, preload=[])
