@@ -19,7 +19,7 @@ from pathlib import Path
 from rich.console import Console
 
 from highd_lc import engine
-from highd_lc.io.scenes import load_scenes
+from highd_lc.io.scenes import scene_makers
 from highd_lc.reporting.event import EventReport
 from highd_lc.reporting.figures_event import EventPainter, event_figure
 from highd_lc.reporting.pages_event import Links, event_page
@@ -70,7 +70,7 @@ def reports_of(job: Job) -> list[EventReport]:
     """The reports of a recording's events: tables, scenes, replays, loss surface, fits, tracking."""
     tables = read_tables(job)
     validation = job.settings.validation
-    scenes = load_scenes(tables.scenes, validation)
+    scenes = (make() for _, make in scene_makers(tables.scenes, validation))
     return [event_report(e, tables, s, validation) for e, s in zip(tables.events, scenes, strict=True)]
 
 

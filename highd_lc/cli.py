@@ -12,18 +12,19 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.console import Console
 
 from highd_lc.io import settings as settings_file
+from highd_lc.io.streams import PatientConsole, open_closed_streams
+from highd_lc.vocab.compile_cache import require_cache
 from highd_lc.vocab.errors import HighdLcError, InterruptedRunError, StorageError, UsageError
-from highd_lc.vocab.job import Options, Outcome
+from highd_lc.vocab.job import Options, Outcome, Problem
 from highd_lc.vocab.settings import Settings
 
 _HELP = "Calibrate and validate lane-change planning on HighD recordings."
 app = typer.Typer(no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False, help=_HELP)
 # Where nobody's terminal sets the width (make, CI, a log), the tables get the room that they need.
-console = Console(width=None if sys.stdout.isatty() else 100)
-errors = Console(stderr=True, soft_wrap=True, highlight=False)
+console = PatientConsole(width=None if sys.stdout and sys.stdout.isatty() else 100)
+errors = PatientConsole(stderr=True, soft_wrap=True, highlight=False)
 
 _HIGHD = Path("data/highd")
 
@@ -61,12 +62,17 @@ def _signals_as_errors() -> Iterator[None]:
         signal.signal(signal.SIGTERM, before)
 
 
-def _go(stage: str, settings: Settings, options: Options, *, browser: bool = False) -> None:
-    with _signals_as_errors():
-        from highd_lc import engine
+def _go(stage: str | None, settings: Settings, options: Options, *, browser: bool = False) -> None:
+    outcome = Outcome()
+    try:
+        with _signals_as_errors():
+            from highd_lc import engine
 
-        outcome = engine.run(settings, options, last=stage, console=console)
-    _print_results(stage, options)
+            engine.run(settings, options, last=stage, console=console, outcome=outcome)
+    except HighdLcError as error:
+        _list([problem for problem in outcome.problems if problem.message not in str(error)])
+        raise
+    _print_results(list(outcome.counts)[-1], options)
     if browser:
         typer.launch(str(_page(options)))
     _end_with_problems(outcome)
@@ -90,9 +96,13 @@ def _print_results(stage: str, options: Options) -> None:
         console.print(f"report: {_page(options)}", soft_wrap=True)
 
 
-def _end_with_problems(outcome: Outcome) -> None:
-    for problem in outcome.problems:
+def _list(problems: list[Problem]) -> None:
+    for problem in problems:
         errors.print(f"{'warning: ' * problem.warning}{problem.stage}: {problem.message}", markup=False)
+
+
+def _end_with_problems(outcome: Outcome) -> None:
+    _list(outcome.problems)
     if any(not problem.warning for problem in outcome.problems):
         raise typer.Exit(4)
 
@@ -115,7 +125,12 @@ def _is_data(path: Path) -> bool:
     )
 
 
-def _stage_command(stage: str, text: str) -> None:
+@app.callback()
+def _prepare() -> None:
+    require_cache()
+
+
+def _stage_command(name: str, text: str) -> None:
     def command(
         pipeline: Pipeline = None,
         data: Data = None,
@@ -128,16 +143,16 @@ def _stage_command(stage: str, text: str) -> None:
     ) -> None:
         folder = _data(data)
         options = Options(folder, work, reports, workers, scheduler, verify, strict)
-        _go(stage, _settings(pipeline, folder), options)
+        _go(None if name == "run" else name, _settings(pipeline, folder), options)
 
-    app.command(name=stage if stage != "report" else "run", help=text)(command)
+    app.command(name=name, help=text)(command)
 
 
 _stage_command("ingest", "Read the CSVs into tracks.")
 _stage_command("extract", "Find lane changes and their followers.")
 _stage_command("calibrate", "Fit the LCM to every follower.")
 _stage_command("validate", "Replay every event through planner and MPC.")
-_stage_command("report", "All stages in order, skipping what is up to date.")
+_stage_command("run", "All stages of the pipeline in order, skipping what is up to date.")
 
 
 _EVENT = "make only this event's page, with its PNG unless --png none (repeatable)"
@@ -249,6 +264,7 @@ def scenarios(
 
 def main() -> None:
     """Entry point: every known error is one line on stderr and its exit code."""
+    open_closed_streams()
     try:
         app()
     except HighdLcError as error:

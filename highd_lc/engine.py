@@ -1,9 +1,12 @@
 """The engine: runs stages over recordings, skips what is up to date, lists what failed."""
 
 import time
+from collections.abc import Sequence
+from contextlib import ExitStack
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from typing import Any, Final
 
 from rich.console import Console
 
@@ -12,33 +15,37 @@ from highd_lc.io import atomic, highd_files, workspace
 from highd_lc.io.inputs import find_inputs
 from highd_lc.io.records import Records
 from highd_lc.io.settings import digest, resolved
-from highd_lc.stage_run import STAGES, StageRun
+from highd_lc.stage_run import STAGES, StageRun, stage_module
 from highd_lc.vocab.job import JobReport, Options, Outcome
 from highd_lc.vocab.settings import Settings
 
+_OF_REPORTS: Final[dict[str, Any]] = {"role": "reports", "name": ".lock", "below": ("", "events")}
+"""How the folder of the pages is owned: what else is below it has other owners."""
 
-def run(settings: Settings, options: Options, *, last: str, console: Console) -> Outcome:
-    """Run the pipeline's stages up to ``last``.
 
-    Raises InputError if no recording is usable, StorageError if a folder cannot be written, ClusterError if the
-    scheduler is of no use. What was finished before stays finished.
+def run(
+    settings: Settings, options: Options, *, last: str | None, console: Console, outcome: Outcome | None = None
+) -> Outcome:
+    """Run the stages up to ``last``, None = the last one that the pipeline lists.
+
+    outcome: filled as the run goes on, for who wants its problems even if it fails. Raises UsageError if the
+    options ask for what there is not, InputError if no recording is usable, StorageError if a folder cannot be
+    written, ClusterError if the scheduler is of no use. What was finished before stays finished.
     """
+    outcome = outcome or Outcome()
     if options.scheduler is not None:
         options = _absolute(options)
-    with workspace.lock(options.work):
-        _remove_stale(options)
-        try:
-            atomic.write_text(options.work / "settings.json", resolved(settings))
-            data = options.data or _synthesize(settings, options, console)
-            return _run_stages(settings, options, data, last=last, console=console)
-        finally:
-            _remove_stale(options)
-
-
-def _remove_stale(options: Options) -> None:
-    """Clear away what runs and workers that were killed in the middle of a file left of it."""
-    for folder in (options.work, options.reports):
-        atomic.remove_stale(folder)
+    if options.events or options.vector:
+        stage_module("report").refuse_senseless(options.events, options.vector)
+    stages = STAGES[: STAGES.index(last or max(settings.stages, key=STAGES.index)) + 1]
+    with ExitStack() as folders:
+        folders.enter_context(workspace.owned(options.work))
+        if "report" in stages:
+            folders.enter_context(workspace.owned(options.reports, **_OF_REPORTS))
+        atomic.write_text(options.work / "settings.json", resolved(settings))
+        data = options.data or _synthesize(settings, options, console)
+        _run_stages(settings, options, data, stages=stages, console=console, outcome=outcome)
+    return outcome
 
 
 def _absolute(options: Options) -> Options:
@@ -47,22 +54,25 @@ def _absolute(options: Options) -> Options:
     return replace(options, data=data, work=options.work.resolve(), reports=options.reports.resolve())
 
 
-def _run_stages(settings: Settings, options: Options, data: Path, *, last: str, console: Console) -> Outcome:
+def _run_stages(
+    settings: Settings, options: Options, data: Path, *, stages: Sequence[str], console: Console, outcome: Outcome
+) -> None:
     recordings = highd_files.discover(data)
     if (folders := highd_files.folders(data)) != [data]:
         console.print(f"recordings found in {' and '.join(map(str, folders))}", markup=False, soft_wrap=True)
-    stages = [stage for stage in settings.stages if STAGES.index(stage) <= STAGES.index(last)]
     with _execution(options, len(recordings), stages) as execution:
         inputs = find_inputs(data, options.work, verify=options.verify)
         workspace.drop_other_recordings(options.work, inputs.keys)
-        outcome, keys = Outcome(list(inputs.problems)), inputs.keys
+        outcome.problems += inputs.problems
+        keys = inputs.keys
         for name in stages:
             started = time.perf_counter()
             keys = StageRun(name, settings, options, inputs, keys).bring_up_to_date(execution, outcome, console)
             seconds = time.perf_counter() - started
             entry = {"stage": name, "seconds": round(seconds, 3), "counts": outcome.counts[name]}
             workspace.append_log(options.work, entry)
-    return outcome
+            if name == "extract" and options.events:  # known from here on; the dear stages come after it
+                stage_module("report").known_events(options.work, options.events)
 
 
 def _synthesize(settings: Settings, options: Options, console: Console) -> Path:
@@ -88,7 +98,7 @@ def _synthesize(settings: Settings, options: Options, console: Console) -> Path:
     return folder
 
 
-def _execution(options: Options, recordings: int, stages: list[str]) -> Execution:
+def _execution(options: Options, recordings: int, stages: Sequence[str]) -> Execution:
     """A Dask cluster, local processes, or this process."""
     if options.scheduler is not None:
         return Cluster(options.scheduler, probe=partial(_surroundings, options.work))

@@ -8,8 +8,10 @@ are carried out again.
 import logging
 import multiprocessing
 import multiprocessing.connection
+import multiprocessing.util
 import os
 import signal
+import tempfile
 import threading
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -18,7 +20,7 @@ from concurrent.futures.process import BrokenProcessPool
 from types import TracebackType
 from typing import TYPE_CHECKING, Any, Protocol, Self, TypeVar
 
-from highd_lc.vocab.errors import ClusterError, MissingExtraError, WorkerLostError
+from highd_lc.vocab.errors import ClusterError, MissingExtraError, StorageError, WorkerLostError
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -26,6 +28,9 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 Result = tuple[int, Callable[[], T]]
 
+_SHORT_FOLDERS = ("/tmp", "/var/tmp", "/dev/shm")
+_SOCKET_FOLDER_BYTES = 75
+"""How long the folder may be in which multiprocessing makes a folder of its own, and a socket in that."""
 _CONNECT_SECONDS = 10
 """How long a Dask scheduler may take to answer."""
 
@@ -66,6 +71,7 @@ class LocalProcesses:
 
     def __init__(self, workers: int, *, preload: Sequence[str]) -> None:
         self._workers = workers
+        _make_room_for_sockets()
         # Forking a process that runs threads (pyarrow's) may deadlock: a clean server forks instead.
         self._context = multiprocessing.get_context("forkserver")
         self._context.set_forkserver_preload(list(preload))
@@ -120,6 +126,25 @@ class LocalProcesses:
             return future.result
         text = f"recording {number:02d}: its process was killed, and again when it ran alone (out of memory?)"
         return _raising(WorkerLostError(text))
+
+
+def _make_room_for_sockets() -> None:
+    """Have the sockets of worker processes put where their paths are short: the kernel allows 107 bytes.
+
+    Raises StorageError if only long folders can be written.
+    """
+    given = tempfile.gettempdir()
+    places = [place for place in (given, *_SHORT_FOLDERS) if len(os.fsencode(place)) <= _SOCKET_FOLDER_BYTES]
+    short = next((place for place in places if os.access(place, os.W_OK | os.X_OK)), None)
+    if short is None:
+        text = f"TMPDIR={given}: sockets of worker processes need a folder of at most {_SOCKET_FOLDER_BYTES} bytes"
+        raise StorageError(f"{text}: name a shorter one, or use --workers 1")
+    if short != given:
+        tempfile.tempdir = short
+        try:
+            multiprocessing.util.get_temp_dir()  # which is asked for once
+        finally:
+            tempfile.tempdir = given
 
 
 def _lost_its_process(future: "Future[Any]") -> bool:

@@ -18,7 +18,7 @@ from highd_lc.io.atomic import Written
 from highd_lc.io.inputs import Inputs
 from highd_lc.io.records import Records
 from highd_lc.io.settings import digest
-from highd_lc.vocab.errors import ClusterError, HighdLcError, InputError, StorageError, WorkerLostError
+from highd_lc.vocab.errors import ClusterError, HighdLcError, InputError, StorageError, WorkerLostError, told
 from highd_lc.vocab.job import Combination, Job, JobReport, Options, Outcome, Problem, Provenance, ReportRequest
 from highd_lc.vocab.settings import Section, Settings
 
@@ -89,11 +89,11 @@ class StageRun:
                 except _FATAL:
                     raise
                 except HighdLcError as error:
-                    failed.append(Problem(recording, self.name, str(error)))
+                    failed.append(Problem(recording, self.name, str(error), lost=True))
                 except Exception as error:
                     log.debug(traceback.format_exc())
-                    text = f"recording {recording:02d}: {type(error).__name__}: {error}"
-                    failed.append(Problem(recording, self.name, " ".join(text.split())))
+                    text = told(f"recording {recording:02d}", error)
+                    failed.append(Problem(recording, self.name, text, lost=True))
                 progress.advance(bar)
         outcome.problems += sorted(failed, key=lambda problem: problem.recording)
         return dict(sorted(reports.items()))
@@ -119,12 +119,11 @@ class StageRun:
             workspace.drop_recording(self.options.work, recording, STAGES[STAGES.index(self.name) :])
 
     def _require(self, finished: dict[int, str], outcome: Outcome) -> None:
-        failed = [p for p in outcome.problems if p.recording not in finished]
-        if finished and not (self.options.strict and failed):
+        lost = [p.message for p in outcome.problems if p.lost]
+        if finished and not (self.options.strict and lost):
             return
-        first = failed[0].message if failed else "no recording"
-        more = f" (and {len(failed) - 1} more)" if len(failed) > 1 else ""
-        raise InputError(f"{first}{more}")
+        more = f" (and {len(lost) - 1} more)" if len(lost) > 1 else ""
+        raise InputError(f"{lost[0]}{more}")
 
     def _combine_anew(self, recordings: tuple[int, ...], together: str, execution: Execution) -> JobReport:
         self._records.forget(self.name)

@@ -68,9 +68,9 @@ def narrowest_window(
     """Width [s] of the narrowest local quadratic whose speed has at most ``speed_noise`` [m/s], within limits.
 
     noise: standard deviation of the positions [m]; rate: samples a second [Hz]. The speed inside has noise times
-    rate times sqrt(12 / (N (N^2 - 1))) for N samples.
+    rate times sqrt(12 / (N (N^2 - 1))) for N samples, of which there are three at least.
     """
-    samples, longest = window_samples(shortest_s, rate), window_samples(longest_s, rate)
+    samples, longest = (max(3, window_samples(width, rate)) for width in (shortest_s, longest_s))
     while samples < longest and noise * rate * (12 / (samples * (samples**2 - 1))) ** 0.5 > speed_noise:
         samples += 2
     return (samples - 1) / rate

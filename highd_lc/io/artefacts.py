@@ -148,7 +148,7 @@ def _about(provenance: Provenance) -> dict[bytes, bytes]:
 def concatenate(work: Path, stage: str, name: str, recordings: Iterable[int], provenance: Provenance) -> int:
     """Join a stage's parts into the finished artefact, one row group a recording. Returns its rows."""
     paths = [part_folder(work, stage, recording) / f"{name}.parquet" for recording in sorted(recordings)]
-    return write_groups(work, name, (pq.read_table(path) for path in paths), provenance)
+    return write_groups(work, name, (pq.read_table(row_groups.opened(path)) for path in paths), provenance)
 
 
 def write_groups(work: Path, name: str, groups: Iterable[pa.Table], provenance: Provenance) -> int:
@@ -207,7 +207,8 @@ def read_file(
         provenance_of(path)
         table = row_groups.of_recording(path, recording, columns) if recording is not None and not where else None
         if table is None:
-            table = pq.read_table(path, columns=columns, filters=filters or None, partitioning=None)
+            with row_groups.opened(path) as source:
+                table = pq.read_table(source, columns=columns, filters=filters or None, partitioning=None)
     except FileNotFoundError as error:
         raise ArtefactError(f"{path}: not found; run the stage that makes {name}") from error
     except (pa.ArrowInvalid, OSError) as error:
@@ -226,7 +227,8 @@ def _to_frame(table: Table, data: pa.Table) -> pd.DataFrame:
 
 def provenance_of(path: Path) -> dict[str, Any]:
     """The provenance that an artefact carries. Raises ArtefactError if its schema version is another."""
-    about: dict[str, Any] = json.loads((pq.read_schema(path).metadata or {}).get(_METADATA, b"{}"))
+    with row_groups.opened(path) as source:
+        about: dict[str, Any] = json.loads((pq.read_schema(source).metadata or {}).get(_METADATA, b"{}"))
     version = about.get("schema_version")
     if version != SCHEMA_VERSION:
         raise ArtefactError(f"{path}: schema version {version}, this code reads {SCHEMA_VERSION}")

@@ -3,7 +3,7 @@
 import hashlib
 import os
 import secrets
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 from dataclasses import dataclass
@@ -76,9 +76,12 @@ def write_text(path: Path, text: str) -> None:
     write_bytes(path, text.encode("utf-8"))
 
 
-def remove_stale(folder: Path) -> None:
-    """Remove what processes that were killed left unfinished anywhere below a folder that nobody else uses."""
-    for path in folder.rglob(f".*{_SUFFIX}"):
+def remove_stale(folder: Path, below: Iterable[str] = ("**",)) -> None:
+    """Remove what processes that were killed left unfinished in parts of a folder that nobody else uses.
+
+    below: patterns of its subfolders, "" = the folder itself, "**" = everything.
+    """
+    for path in [path for part in below for path in folder.glob(os.path.join(part, f".*{_SUFFIX}"))]:
         try:
             path.unlink(missing_ok=True)
         except OSError as error:

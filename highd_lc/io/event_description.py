@@ -17,9 +17,10 @@ def describe_event(work: Path, event_id: str) -> str:
     Raises UsageError if there is none of that id, ArtefactError if extraction has not run.
     """
     crossings = artefacts.read(work, "crossings")
-    found = crossings[crossings["event_id"] == event_id]
+    ids = crossings["event_id"].tolist()  # arrow compares with UTF-8 alone, and an argument may be anything
+    found = crossings[[known == event_id for known in ids]]
     if found.empty:
-        raise UsageError(f"no lane-id change {event_id!r}{_nearest(crossings, event_id)}")
+        raise UsageError(f"no lane-id change {event_id!r}{_nearest(ids, event_id)}")
     crossing = found.iloc[0]
     lines = [_headline(crossing), _verdict(crossing), _frames(crossing)]
     if crossing["usable"]:
@@ -32,10 +33,9 @@ def describe_event(work: Path, event_id: str) -> str:
     return "\n".join(lines)
 
 
-def _nearest(crossings: pd.DataFrame, event_id: str) -> str:
+def _nearest(ids: list[str], event_id: str) -> str:
     """The ids of the same vehicle, or the first of all, for somebody who mistyped the frame."""
-    alike = crossings[crossings["event_id"].str.startswith(event_id[:7])]["event_id"]
-    known = [*alike, *crossings["event_id"]][:3]
+    known = [*(known for known in ids if known.startswith(event_id[:7])), *ids][:3]
     return f"; known are {', '.join(known)}, ..." if known else "; there is none at all"
 
 

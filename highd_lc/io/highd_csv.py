@@ -26,7 +26,8 @@ Array = NDArray[np.float64] | NDArray[np.int64] | NDArray[np.str_]
 class Field:
     """A column of a CSV file: whole number, number or text, and the range that a sane file keeps.
 
-    optional: a number that the file may lack; it is NaN then. may_be_empty: a text that may have no letter.
+    optional: a number that the file may lack; it is NaN then. may_be_empty: a text that may have no letter. why:
+    what needs the range, if that is not plain.
     """
 
     name: str
@@ -35,6 +36,7 @@ class Field:
     high: float = np.inf
     optional: bool = False
     may_be_empty: bool = False
+    why: str = ""
 
     def fault(self, text: str) -> str | None:
         """Why the text cannot be this field's value, or None."""
@@ -52,7 +54,7 @@ class Field:
         if self.kind is int and value != int(value):
             return f"{text[:40]!r} is not a whole number"
         if not self.low <= value <= self.high:
-            return f"{text[:40]} is outside [{self.low:g}, {self.high:g}]"
+            return f"{text[:40]} is outside [{self.low:g}, {self.high:g}]{self.why and ': ' + self.why}"
         return None
 
 

@@ -14,10 +14,12 @@ IntArray = NDArray[np.int64]
 
 LARGEST_ID = 10_000_000
 LARGEST_FRAME = 10_000_000
+LOWEST_FRAME_RATE = 5
+"""Below it [Hz] the narrowest window over which a lateral speed is taken, 0.4 s, does not hold three frames."""
 
 _MARKINGS = ("upperLaneMarkings", "lowerLaneMarkings")
 _RECORDING_FIELDS = (
-    Field("frameRate", float, 0.1, 1000),
+    Field("frameRate", float, LOWEST_FRAME_RATE, 1000, why="lateral speeds take 3 frames or more in 0.4 s"),
     Field("locationId", int, -1, 1e6),
     *(Field(name, str, may_be_empty=True) for name in _MARKINGS),
 )

@@ -41,7 +41,7 @@ def find_inputs(data: Path, work: Path, *, verify: bool) -> Inputs:
             files[recording] = highd_files.input_files(data, recording)
             keys[recording] = digest(*map(hashes.of, files[recording]))
         except InputError as error:
-            problems.append(Problem(recording, "ingest", str(error)))
+            problems.append(Problem(recording, "ingest", str(error), lost=True))
     hashes.save()
     largest_first = sorted(keys, key=lambda r: (-sum(hashes.size_of(path) for path in files[r]), r))
     return Inputs(data, {r: files[r] for r in largest_first}, keys, tuple(problems), hashes)

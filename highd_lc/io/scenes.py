@@ -51,19 +51,11 @@ class SceneTables:
     fits: dict[tuple[str, ...], Columns]
 
 
-def load_scenes(tables: SceneTables, settings: ValidateSettings) -> Iterator[Scene]:
-    """The scenes of a recording's events in the order of the events table."""
-    return (make() for _, make in _makers(tables, settings))
+def scene_makers(tables: SceneTables, settings: ValidateSettings) -> Iterator[tuple[str, Callable[[], Scene]]]:
+    """Each event's id, in the order of the events table, with what makes its scene.
 
-
-def scene_makers(
-    work: Path, recording: int, settings: ValidateSettings
-) -> Iterator[tuple[str, Callable[[], Scene]]]:
-    """Each event's id with what makes its scene: one that cannot be made does not stand in the others' way."""
-    return _makers(read_scene_tables(work, recording, settings.planner), settings)
-
-
-def _makers(tables: SceneTables, settings: ValidateSettings) -> Iterator[tuple[str, Callable[[], Scene]]]:
+    A scene that cannot be made does not stand in the others' way.
+    """
     for event in tables.events.itertuples():
         yield event.event_id, partial(_scene, event, tables, settings)
 

@@ -80,9 +80,8 @@ def situations(work: Path) -> pd.DataFrame:
     vehicles = artefacts.read(work, "vehicles").set_index(["recording_id", "vehicle_id"])["length"]
     start = artefacts.read(
         work, "event_tracks", columns=["event_id", "role", "t", "x", "vx"], where=_AT_START
-    ).set_index(["event_id", "role"])
-    ego = start.xs(names.EGO, level="role")
-    first = start.xs(names.target_follower(1), level="role")
+    ).set_index("event_id")
+    ego, first = (start[start["role"] == role] for role in (names.EGO, names.target_follower(1)))
     follower = events["follower_ids"].map(lambda ids: int(ids[0]))
     lengths = [
         vehicles.reindex(pd.MultiIndex.from_arrays([events["recording_id"], ids])).to_numpy()

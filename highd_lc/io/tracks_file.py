@@ -13,7 +13,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
-from highd_lc.io import artefacts
+from highd_lc.io import artefacts, row_groups
 from highd_lc.io.highd import Recording
 from highd_lc.vocab.errors import ArtefactError
 from highd_lc.vocab.job import Provenance
@@ -80,7 +80,8 @@ def read(work: Path, recording: int) -> TrackArrays:
     names = list(TrackArrays.__dataclass_fields__)
     try:
         artefacts.provenance_of(path)
-        table = pq.read_table(path, columns=names, partitioning=None, use_threads=False)
+        with row_groups.opened(path) as source:
+            table = pq.read_table(source, columns=names, partitioning=None, use_threads=False)
     except FileNotFoundError as error:
         raise ArtefactError(f"{path}: not found; run the stage ingest") from error
     except (pa.ArrowInvalid, OSError) as error:

@@ -4,13 +4,13 @@ import fcntl
 import hashlib
 import json
 import shutil
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cache
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
+from typing import Any, TextIO
 
 from highd_lc.io import atomic
 from highd_lc.vocab.errors import InputError, StorageError, UsageError
@@ -36,23 +36,38 @@ def read_json(path: Path) -> dict[str, Any]:
 
 
 @contextmanager
-def lock(work: Path) -> Iterator[None]:
-    """Keep other runs out of a work folder.
+def owned(
+    folder: Path, *, role: str = "work", name: str = "lock", below: Sequence[str] = ("**",)
+) -> Iterator[None]:
+    """Keep other runs out of a folder, and clear away what killed ones left unfinished in it, before and after.
 
-    The kernel releases the lock with the process, however that ends: a crash leaves none behind. Raises
-    UsageError if another run is in it, StorageError if the folder cannot be written.
+    role: what the folder is for; name: of the file that is locked; below: patterns of the subfolders that are
+    cleared: others have other owners. The kernel releases the lock with the process, however that ends: a crash
+    leaves none behind. Raises UsageError if another run is in the folder, StorageError if it cannot be written
+    or locked.
     """
     try:
-        work.mkdir(parents=True, exist_ok=True)
-        handle = (work / "lock").open("a")
+        folder.mkdir(parents=True, exist_ok=True)
+        handle = (folder / name).open("a")
     except OSError as error:
-        raise StorageError(f"{work}: cannot be used as the work folder: {error.strerror}") from error
+        raise StorageError(f"{folder}: cannot be used as the {role} folder: {error.strerror}") from error
     with handle:
+        _lock(handle, folder, role)
+        atomic.remove_stale(folder, below)
         try:
-            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError as error:
-            raise UsageError(f"{work}: another run is using this work folder") from error
-        yield
+            yield
+        finally:
+            atomic.remove_stale(folder, below)
+
+
+def _lock(handle: TextIO, folder: Path, role: str) -> None:
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError as error:
+        raise UsageError(f"{folder}: another run is using this {role} folder") from error
+    except OSError as error:
+        needed = f"the {role} folder needs a file system with flock: a local disk, or a mount with locks"
+        raise StorageError(f"{folder}: cannot be locked: {error.strerror}; {needed}") from error
 
 
 def drop_other_recordings(work: Path, recordings: Iterable[int]) -> None:

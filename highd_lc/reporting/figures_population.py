@@ -144,7 +144,7 @@ def loss_bars(losses: pd.DataFrame) -> Figure:
     figure, grid = panels(9.4, 1.2 + 0.3 * len(policies), columns=3, sharey=True)
     means = losses.groupby(["accounting", "policy"])[["loss_av", "loss_hv"]].mean()
     for axes, accounting in zip(grid[0], names.ACCOUNTINGS, strict=True):
-        values = np.array([means.loc[(accounting, p)] for p in policies])
+        values = means.reindex(pd.MultiIndex.from_product([[accounting], policies])).to_numpy(float)
         axes.barh(range(len(policies)), values[:, 0], color=_LOCAL, height=0.66, label="AV")
         axes.barh(
             range(len(policies)), values[:, 1], left=values[:, 0], color=_BENCHMARK, height=0.66, label="followers"

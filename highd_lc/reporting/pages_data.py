@@ -30,6 +30,11 @@ def _data_sections(recordings: pd.DataFrame, crossings: pd.DataFrame, events: pd
     yield quality_section(recordings)
 
 
+def empty_page(here: str, title: str, why: str, crossings: pd.DataFrame) -> str:
+    """A page of results of which there are none: why, and what became of the lane-id changes."""
+    return overview_page(here, title, [funnel_section(crossings)], (why,))
+
+
 _CARRIAGEWAYS: Final = {1: "upper", 2: "lower"}
 _QUALITY_COLUMNS: Final = (
     Column("recording_id", "Recording", digits=0),

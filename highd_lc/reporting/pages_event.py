@@ -29,6 +29,12 @@ def event_page(report: EventReport, links: Links, *, raw: bool = False) -> str:
     return html.render("event.html", {**_context(report, raw=raw), **vars(links), "raw": raw})
 
 
+def failed_page(event_id: str, why: str, links: Links) -> str:
+    """The page of an event that cannot be shown. why: what went wrong."""
+    context = {"id": event_id, "root": "../", "here": "", "why": why}
+    return html.render("failed.html", context | {"previous": links.previous, "next": links.next})
+
+
 def _context(report: EventReport, *, raw: bool) -> dict[str, Any]:
     return {
         "id": report.event_id,

@@ -58,13 +58,15 @@ def summary_page(tables: SummaryTables, says: Sequence[Said] = ()) -> str:
 
 
 def _sections(tables: SummaryTables) -> Iterator[Section]:
-    if len(tables.events):
+    if len(tables.losses):
         yield replace(matrix_section(with_labels(tables.matrix)), title="Local optimum against benchmark")
         yield _losses_section(tables)
         yield _distribution_section(tables)
         yield _map_section(tables)
         yield _extremes_section(tables)
+    if len(tables.events):
         yield table3_section(tables.summary_lcm)
+    if len(tables.losses):
         yield pareto_section(tables.pareto, tables.pareto_summary)
     yield funnel_section(tables.crossings)
     yield quality_section(tables.recordings)

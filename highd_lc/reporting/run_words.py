@@ -68,7 +68,7 @@ def _headings(run: RunTables) -> Iterator[tuple[str, Iterable[str]]]:
     forms = _planned(run)
     yield "What went in", [_went_in(run)]
     if not forms:
-        yield "What comes out", [_nothing_said(run)]
+        yield "What comes out", [nothing_said(run)]
         return
     yield "What is compared", _COMPARED
     yield from ((labels.FORMS[form], _of_form(run, form)) for form in forms)
@@ -88,7 +88,7 @@ def _unbroken(text: str) -> str:
 def run_in_short(run: RunTables) -> str:
     """The same in a few sentences: the first form that was planned, under two accountings, and the cautions."""
     if not _planned(run):
-        return _nothing_said(run)
+        return nothing_said(run)
     form = _planned(run)[0]
     text = f"{labels.FORMS[form]}, accounting “equal”: {_lower(_gain(run, form))}"
     paper = f"Under “paper”: {_against_paper(run, form)}."
@@ -139,13 +139,14 @@ def _commonest(run: RunTables) -> str:
     return f", most often because {labels.REASONS[reasons.index[0]]} ({reasons.iloc[0]})"
 
 
-def _nothing_said(run: RunTables) -> str:
+def nothing_said(run: RunTables) -> str:
+    """Why a run without plans says nothing."""
     if not run.events.empty:
         why = "no plans were made in this run"
     elif run.crossings.empty:
-        why = "no lane-id change was found"
+        why = "no usable event, because no lane-id change was found"
     else:
-        why = f"not one of {_count(len(run.crossings), 'lane-id change')} can be used"
+        why = f"no usable event, because not one of {_count(len(run.crossings), 'lane-id change')} can be used"
     return f"Nothing can be said of the local optimum: {why}."
 
 

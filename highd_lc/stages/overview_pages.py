@@ -14,13 +14,13 @@ from highd_lc.io import artefacts
 from highd_lc.io.follower_tracks import track_of
 from highd_lc.reporting.event import FitTrace
 from highd_lc.reporting.pages_calibration import CalibrationTables, calibration_page
-from highd_lc.reporting.pages_data import data_page, excluded_page
+from highd_lc.reporting.pages_data import data_page, empty_page, excluded_page
 from highd_lc.reporting.pages_index import IndexTables, index_page
 from highd_lc.reporting.pages_population import dictionary_page, matrix_page
 from highd_lc.reporting.pages_start import StartTables, start_page
 from highd_lc.reporting.pages_studies import StudyTables, studies_page
 from highd_lc.reporting.pages_summary import SummaryTables, summary_page
-from highd_lc.reporting.run_words import RunTables, run_in_short, run_says
+from highd_lc.reporting.run_words import RunTables, nothing_said, run_in_short, run_says
 from highd_lc.vocab import names
 from highd_lc.vocab.lcm_parameters import PARAMETERS
 from highd_lc.vocab.settings import StatisticsSettings
@@ -53,7 +53,13 @@ class Overview:
 
 def page_of(name: str, overview: Overview) -> bytes:
     """An overview page by its file's name, one of ``OVERVIEW_PAGES``."""
-    return _MAKERS[name](overview).encode("utf-8")
+    empty = name in _SHOWN and artefacts.read(overview.work, _SHOWN[name][1], columns=["event_id"]).empty
+    return (_without_events(name, overview) if empty else _MAKERS[name](overview)).encode("utf-8")
+
+
+def _without_events(name: str, overview: Overview) -> str:
+    run = _run_tables(overview)
+    return empty_page(name, _SHOWN[name][0], nothing_said(run), run.crossings)
 
 
 def _index(overview: Overview) -> str:
@@ -128,6 +134,13 @@ _MAKERS: Final[Mapping[str, Callable[[Overview], str]]] = {
     "excluded.html": _excluded,
     "dictionary.html": _dictionary,
 }
+_SHOWN: Final = {
+    "matrix.html": ("Validation matrix", "losses"),
+    "studies.html": ("Robustness", "losses"),
+    "start.html": ("Choice of the start", "losses"),
+    "calibration.html": ("Calibration", "followers"),
+}
+"""Pages of results alone: title, and the table without whose rows there is nothing to show."""
 OVERVIEW_PAGES: Final = tuple(_MAKERS)
 """File names of the overview pages, the dearest first: made side by side, none is waited for at the end."""
 

@@ -9,19 +9,19 @@ import numpy as np
 import pandas as pd
 
 from highd_lc.io import artefacts, atomic
-from highd_lc.io.scenes import load_scenes
+from highd_lc.io.scenes import scene_makers
 from highd_lc.reporting.crosslinks import TO_SCENARIOS
 from highd_lc.reporting.event import PAIRS, EventReport
 from highd_lc.reporting.figures_event import VECTOR_FORMATS, EventPainter, event_vector
-from highd_lc.reporting.pages_event import Links, event_page
+from highd_lc.reporting.pages_event import Links, event_page, failed_page
 from highd_lc.reporting.pages_index import SPARK_SECONDS
 from highd_lc.stages import collector
 from highd_lc.stages.crosslinks import has_scenarios, link_to_report
 from highd_lc.stages.event_report import event_report, read_tables
 from highd_lc.stages.overview_pages import OVERVIEW_PAGES, Overview, page_of
 from highd_lc.vocab import names
-from highd_lc.vocab.errors import UsageError
-from highd_lc.vocab.job import CarryOut, Combination, Job, JobReport, ReportRequest, one_by_one
+from highd_lc.vocab.errors import StorageError, UsageError, told
+from highd_lc.vocab.job import CarryOut, Combination, Job, JobReport, Problem, ReportRequest, one_by_one
 from highd_lc.vocab.settings import ReportSettings
 from highd_lc.vocab.tables import TABLES
 
@@ -29,6 +29,25 @@ STAGE = "report"
 _EVENT_ID = re.compile(r"\d{2,}-\d{4,}-\d{5,}")
 _MOST_AUTOMATIC = 500
 """Up to this many events, ``png = "auto"`` draws all of them."""
+
+
+def refuse_senseless(events: tuple[str, ...], vector: tuple[str, ...]) -> None:
+    """Raises UsageError if an event's id is none, or a format is not among the vector formats."""
+    for kind in vector:
+        if kind not in VECTOR_FORMATS:
+            raise UsageError(f"vector {kind!r}: choose from {', '.join(VECTOR_FORMATS)}")
+    for event in events:
+        if not _EVENT_ID.fullmatch(event):
+            raise UsageError(f"event {event!r}: an id is RR-VVVV-FFFFF: recording, ego, crossing frame")
+
+
+def known_events(work: Path, events: tuple[str, ...]) -> pd.DataFrame:
+    """Ids and recordings of the usable events. Raises UsageError if one asked for is not among them."""
+    known = artefacts.read(work, "events", columns=["event_id", "recording_id"])
+    unknown = sorted(set(events) - set(known["event_id"]))
+    if unknown:
+        raise UsageError(f"event {unknown[0]!r}: not among the {len(known)} usable events of {work}")
+    return known
 
 
 def choose(
@@ -44,12 +63,9 @@ def choose(
     vector: further formats of the pictures, "pdf" or "svg". Raises UsageError if an event is not among the usable
     ones, or a format is another.
     """
-    _check_formats(vector)
-    of_event = artefacts.read(work, "events", columns=["event_id", "recording_id"])
+    refuse_senseless(events, vector)
+    of_event = known_events(work, events)
     known = of_event["event_id"]
-    unknown = sorted(set(events) - set(known))
-    if unknown:
-        raise UsageError(f"event {unknown[0]!r}: not among the {len(known)} usable events of {work}")
     wanted = frozenset(events) if events else None
     recordings = frozenset(of_event.loc[known.isin(events), "recording_id"].tolist()) if events else None
     if settings.png == "none":
@@ -57,12 +73,6 @@ def choose(
     every = settings.png == "all" or (settings.png == "auto" and len(known) <= _MOST_AUTOMATIC)
     pictures = wanted if events else None if every else top_events(work, settings.top)
     return ReportRequest(reports, wanted, pictures, vector, recordings)
-
-
-def _check_formats(vector: tuple[str, ...]) -> None:
-    for kind in vector:
-        if kind not in VECTOR_FORMATS:
-            raise UsageError(f"vector {kind!r}: choose from {', '.join(VECTOR_FORMATS)}")
 
 
 def top_events(work: Path, count: int) -> frozenset[str]:
@@ -79,25 +89,36 @@ def top_events(work: Path, count: int) -> frozenset[str]:
 
 def run(job: Job, *, request: ReportRequest) -> JobReport:
     """Make the pages and pictures of a recording's events, and the part ``event_pages`` that the index draws."""
+    problems: list[Problem] = []
     with collector.put_off():
-        rows = list(_event_pages(job, request))
+        rows = list(_event_pages(job, request, problems))
     if request.events is None:
         frame = pd.DataFrame(rows, columns=list(TABLES["event_pages"].column_names))
         artefacts.write_part(job, STAGE, "event_pages", frame)
-    return JobReport({"pages": len(rows), "pictures": sum(row["png"] for row in rows)})
+    counts = {"pages": len(rows), "pictures": sum(row["png"] for row in rows)}
+    return JobReport(counts, tuple(problems))
 
 
-def _event_pages(job: Job, request: ReportRequest) -> Iterator[dict[str, object]]:
-    """Write the pages and pictures of a recording's events; yields the row of ``event_pages`` of each."""
+def _event_pages(job: Job, request: ReportRequest, problems: list[Problem]) -> Iterator[dict[str, object]]:
+    """Write the pages and pictures of a recording's events; yields the row of ``event_pages`` of each.
+
+    An event whose motions cannot be drawn gets a page that says why, and a problem.
+    """
     tables = read_tables(job)
     ids = [str(event["event_id"]) for event in tables.events]
-    scenes = load_scenes(tables.scenes, job.settings.validation)
-    for k, (event, scene) in enumerate(zip(tables.events, scenes, strict=True)):
+    scenes = scene_makers(tables.scenes, job.settings.validation)
+    for k, (event, (_, scene_of)) in enumerate(zip(tables.events, scenes, strict=True)):
         if request.events is None or event["event_id"] in request.events:
-            report = event_report(event, tables, scene, job.settings.validation)
             links = _links(ids, k, request)
-            _write_event(report, links, request=request, raw=job.settings.report.raw)
-            yield _page_row(report, job, links)
+            try:
+                report = event_report(event, tables, scene_of(), job.settings.validation)
+                _write_event(report, links, request=request, raw=job.settings.report.raw)
+                yield _page_row(report, job, links)
+            except StorageError:
+                raise
+            except Exception as error:
+                problems.append(Problem(job.recording, STAGE, told(ids[k], error)))
+                _write_failed(ids[k], problems[-1].message, links, request.reports)
 
 
 def _links(ids: list[str], k: int, request: ReportRequest) -> Links:
@@ -128,6 +149,12 @@ def _write_event(report: EventReport, links: Links, *, request: ReportRequest, r
     made = {*links.vector, "png" if links.png else ""}
     for kind in {"png", *VECTOR_FORMATS} - made:
         base.with_suffix(f".{kind}").unlink(missing_ok=True)
+
+
+def _write_failed(event_id: str, why: str, links: Links, reports: Path) -> None:
+    """Write the page of an event that cannot be shown, for the index and its neighbours link to it."""
+    page = failed_page(event_id, why, links)
+    _write(reports / "events" / f"{event_id}.html", page.encode("utf-8"))
 
 
 def _page_row(report: EventReport, job: Job, links: Links) -> dict[str, object]:

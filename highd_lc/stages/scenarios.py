@@ -49,8 +49,14 @@ def run(
     A report in the folder above, if ``out`` is its folder for the scenarios, is given the link to them.
     sweep: also every combination of the options in the settings' section ``sweep``. work: artefacts of
     recordings, for the fitted drivers and a real lane change; left out where it holds none. threads: over the
-    variants; results do not depend on their number.
+    variants; results do not depend on their number. Raises UsageError if another run is in the folder ``out``,
+    StorageError if it cannot be written.
     """
+    with workspace.owned(out, role="scenarios", name=".lock"):
+        return _run(settings, out, sweep=sweep, work=work, threads=threads)
+
+
+def _run(settings: ScenarioSettings, out: Path, *, sweep: bool, work: Path | None, threads: int) -> ScenarioReport:
     planned = default_plans(settings)
     stories = {one.situation.key: story_of(one, settings) for one in planned}
     fitted, change, skipped = load_recordings(work, settings)

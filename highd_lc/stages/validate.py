@@ -23,7 +23,7 @@ from highd_lc.io.population_tables import (
     solver_summary,
     worse_for_somebody,
 )
-from highd_lc.io.scenes import scene_makers
+from highd_lc.io.scenes import read_scene_tables, scene_makers
 from highd_lc.io.start_map import start_map
 from highd_lc.io.statistics import PolicyLosses, situations, summarise_losses, validation_matrix
 from highd_lc.io.tracking_table import tracking_summary
@@ -40,7 +40,7 @@ from highd_lc.stages.validate_studies import (
 )
 from highd_lc.stages.validate_tracking import tracking_rows
 from highd_lc.vocab import names
-from highd_lc.vocab.errors import HighdLcError
+from highd_lc.vocab.errors import told
 from highd_lc.vocab.job import Combination, Job, JobReport, Problem
 from highd_lc.vocab.scene import Scene
 from highd_lc.vocab.tables import TABLES
@@ -56,23 +56,19 @@ def run(job: Job) -> JobReport:
     chosen = samples(job)
     rows: dict[str, list[Row]] = {name: [] for name in PART_TABLES}
     problems = []
-    for event_id, scene_of in scene_makers(job.work, job.recording, job.settings.validation):
+    tables = read_scene_tables(job.work, job.recording, job.settings.validation.planner)
+    for event_id, scene_of in scene_makers(tables, job.settings.validation):
         try:
             found = list(_event_rows(scene_of(), job, chosen))
         except Exception as error:
             # One bad event never stops the others, and is left out as a whole: it is listed with its reason.
-            problems.append(Problem(job.recording, STAGE, _reason(event_id, error)))
+            problems.append(Problem(job.recording, STAGE, told(event_id, error)))
             continue
         for name, row in found:
             rows[name].append({"event_id": event_id, "recording_id": job.recording, **row})
     for name, found in rows.items():
         artefacts.write_part(job, STAGE, name, _frame(name, found))
     return JobReport({name: len(found) for name, found in rows.items()}, tuple(problems))
-
-
-def _reason(event_id: str, error: Exception) -> str:
-    known = isinstance(error, HighdLcError)
-    return " ".join(f"{event_id}: {'' if known else type(error).__name__ + ': '}{error}".split())
 
 
 def _frame(name: str, rows: list[Row]) -> pd.DataFrame:

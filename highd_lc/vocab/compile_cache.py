@@ -8,20 +8,45 @@ cache folder is named by a hash of all kernel sources.
 import hashlib
 import os
 import sys
+import tempfile
+from collections.abc import Iterator
+from contextlib import suppress
+from importlib.abc import MetaPathFinder
+from importlib.machinery import ModuleSpec
+from importlib.util import find_spec
 from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+from highd_lc.vocab.errors import StorageError
+from highd_lc.vocab.kernel_files import make_trusted
 
 _VARIABLE = "NUMBA_CACHE_DIR"
+_CACHING = "numba.core.caching"
 
 
 def use_cache_of_this_code() -> None:
     """Point numba to the cache folder of this version of the code, unless the user has chosen one."""
-    if _VARIABLE in os.environ:
+    _trust_files()
+    if os.environ.get(_VARIABLE):
         return
     package = Path(__file__).parents[1]
-    folder = _writable(package / "__pycache__") / f"kernels-{_digest(package)}"
+    name = f"kernels-{_digest(package)}"
+    folder = next((place / name for place in _places(package) if _writable(place / name)), None)
+    if folder is None:
+        return
     os.environ[_VARIABLE] = str(folder)
     if "numba" in sys.modules:
         sys.modules["numba"].config.reload_config()
+
+
+def require_cache() -> None:
+    """Raises StorageError if compiled kernels cannot be kept where the user wants them, or anywhere."""
+    chosen = os.environ.get(_VARIABLE)
+    if not chosen:
+        raise StorageError(f"no folder for compiled kernels can be written; name one by {_VARIABLE}")
+    if not _writable(Path(chosen)):
+        raise StorageError(f"{_VARIABLE}={chosen}: compiled kernels cannot be written there; name another folder")
 
 
 def _digest(package: Path) -> str:
@@ -31,9 +56,61 @@ def _digest(package: Path) -> str:
     return sources.hexdigest()[:12]
 
 
-def _writable(folder: Path) -> Path:
-    """The folder if it can be written to, else one in the user's cache."""
-    parent = folder if folder.is_dir() else folder.parent
-    if os.access(parent, os.W_OK):
-        return folder
-    return Path(os.environ.get("XDG_CACHE_HOME", Path.home() / ".cache")) / "highd_lc"
+def _places(package: Path) -> Iterator[Path]:
+    """Where the cache may lie, the best place first."""
+    yield package / "__pycache__"
+    users = Path(os.environ.get("XDG_CACHE_HOME", ""))
+    if users.is_absolute():  # others are to be ignored, says the standard
+        yield users / "highd_lc"
+    with suppress(RuntimeError):  # nobody's home
+        yield Path.home() / ".cache" / "highd_lc"
+    with suppress(OSError):
+        yield from _temporary()
+
+
+def _temporary() -> Iterator[Path]:
+    """This user's folder among the temporary ones; none if others can write to it, for kernels are code."""
+    folder = Path(tempfile.gettempdir()) / f"highd_lc-{os.getuid()}"
+    folder.mkdir(mode=0o700, exist_ok=True)
+    about = folder.lstat()
+    if about.st_uid == os.getuid() and not about.st_mode & 0o022 and not folder.is_symlink():
+        yield folder
+
+
+def _writable(folder: Path) -> bool:
+    """Whether files can be made in a folder, which is made if need be. Asking for permission does not tell."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
+            return True
+    except OSError:
+        return False
+
+
+def _trust_files() -> None:
+    """Have numba's cache checked, now or when it is imported."""
+    if _CACHING in sys.modules:
+        make_trusted(sys.modules[_CACHING])
+    elif not any(isinstance(finder, _OnImport) for finder in sys.meta_path):
+        sys.meta_path.insert(0, _OnImport())
+
+
+class _OnImport(MetaPathFinder):
+    """Lets numba be imported by whoever needs it, whenever: to import it here would cost each command a second."""
+
+    def find_spec(self, name: str, path: object, target: ModuleType | None = None) -> ModuleSpec | None:
+        """The usual one, with one step added to the import of ``numba.core.caching``."""
+        if name != _CACHING:
+            return None
+        sys.meta_path.remove(self)
+        spec = find_spec(name)
+        if spec is not None and spec.loader is not None:
+            loader: Any = spec.loader
+            original = loader.exec_module
+
+            def exec_module(module: ModuleType) -> None:
+                original(module)
+                make_trusted(module)
+
+            loader.exec_module = exec_module
+        return spec

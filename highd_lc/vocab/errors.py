@@ -7,6 +7,12 @@ class HighdLcError(Exception):
     exit_code = 1
 
 
+def told(about: str, error: Exception) -> str:
+    """An error as a line of a list: what it is of, and the kind of an error that nobody foresaw."""
+    known = isinstance(error, HighdLcError)
+    return " ".join(f"{about}: {'' if known else type(error).__name__ + ': '}{error}".split())
+
+
 class SettingsError(HighdLcError):
     """A setting is unknown or out of range: names the file, the key and the allowed values."""
 

@@ -54,12 +54,16 @@ class Combination:
 
 @dataclass(frozen=True)
 class Problem:
-    """Something that was skipped and why: shown at the end, exit code 4. warning: nothing was, it is only told."""
+    """Something that was skipped and why: shown at the end, exit code 4.
+
+    warning: nothing was skipped, it is only told; lost: the whole recording was, and the message says why.
+    """
 
     recording: int
     stage: str
     message: str
     warning: bool = False
+    lost: bool = False
 
 
 @dataclass(frozen=True)

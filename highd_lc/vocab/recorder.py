@@ -12,7 +12,7 @@ class RecorderSettings(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
-    frame_rate: Annotated[float, Field(ge=1, le=100, description="frames a second [Hz] (HighD: 25)")] = 25.0
+    frame_rate: Annotated[float, Field(ge=5, le=100, description="frames a second [Hz] (HighD: 25)")] = 25.0
     upper_lanes: Annotated[Lanes, Field(description="lanes of direction 1 (HighD: 2, 3 or 4)")] = 3
     lower_lanes: Annotated[Lanes, Field(description="lanes of direction 2 (HighD: 2 or 3)")] = 3
     section_m: Annotated[float, Field(ge=100, le=5000, description="length of road in view [m]")] = 420.0

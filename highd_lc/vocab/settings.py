@@ -302,7 +302,7 @@ class Settings(Section):
     name: Annotated[str, Field(min_length=1, max_length=80, description="name of the pipeline")] = "highd"
     stages: Annotated[
         tuple[Literal["ingest", "extract", "calibrate", "validate", "report"], ...],
-        Field(min_length=1, description="the stages in order"),
+        Field(min_length=1, description="stages; highd-lc run ends with the last of them, after all before it"),
     ] = ("ingest", "extract", "calibrate", "validate", "report")
     seed: Annotated[int, Field(ge=0, le=2**63 - 1, description="seed from which every random draw derives")] = 1
     synthetic: SyntheticSettings = SyntheticSettings()

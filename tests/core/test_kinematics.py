@@ -76,6 +76,12 @@ def test_white_noise_is_recovered_beside_motion(noise):
     assert white_noise(y[:2]) == 0.0
 
 
+@pytest.mark.parametrize(("rate", "window_s"), [(1.5, 2 / 1.5), (2.5, 0.8), (10.0, 0.2), (25.0, 0.4)])
+def test_no_window_holds_fewer_than_three_samples(rate, window_s):
+    shortest_s = min(0.4, window_s)
+    assert narrowest_window(0.0, rate, speed_noise=0.04, shortest_s=shortest_s, longest_s=1.2) == window_s
+
+
 @given(noise=st.floats(0, 0.2), rate=st.sampled_from([10.0, 25.0]))
 def test_window_is_the_narrowest_that_keeps_the_speed_certain(noise, rate):
     window_s = narrowest_window(noise, rate, speed_noise=0.04, shortest_s=0.4, longest_s=1.2)

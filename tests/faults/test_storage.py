@@ -1,5 +1,7 @@
 """Folders that fill up or cannot be written, inputs that vanish or change: one line, exit code, nothing torn."""
 
+import errno
+import fcntl
 import os
 import shutil
 import subprocess
@@ -12,7 +14,8 @@ from faulty_runs import Place, contents, copy_of_fixtures, run
 from rich.console import Console
 
 from highd_lc import engine
-from highd_lc.io import artefacts, settings
+from highd_lc.io import artefacts, settings, workspace
+from highd_lc.vocab.errors import StorageError, UsageError
 from highd_lc.vocab.job import Options
 
 
@@ -152,3 +155,50 @@ def test_files_that_may_not_be_read_are_named(tmp_path: Path) -> None:
     code, said = run(place, "--workers", "1", stage="extract")
     assert code == 4
     assert f"ingest: {place.data / '01_tracks.csv'}: cannot be read: Permission denied" in said
+
+
+@pytest.mark.parametrize("number", [errno.ENOLCK, errno.EINVAL, errno.ENOTSUP, errno.ENOSYS])
+def test_a_folder_without_locks_is_named_with_what_it_needs(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, number: int
+) -> None:
+    def flock(*_: object) -> None:
+        raise OSError(number, os.strerror(number))
+
+    monkeypatch.setattr(fcntl, "flock", flock)
+    needed = f"{tmp_path}: cannot be locked: {os.strerror(number)}; the work folder needs a file system with flock"
+    with pytest.raises(StorageError) as caught, workspace.owned(tmp_path):
+        pass
+    assert str(caught.value).startswith(needed)
+
+
+def test_a_folder_has_one_owner_at_a_time(tmp_path: Path) -> None:
+    for _ in range(2):
+        with (
+            workspace.owned(tmp_path),
+            pytest.raises(UsageError, match="using this work"),
+            workspace.owned(tmp_path),
+        ):
+            pass
+
+
+def test_two_works_do_not_make_pages_in_one_folder_at_once(undisturbed: Place, tmp_path: Path) -> None:
+    unfinished = tmp_path / "reports" / "events" / ".01-0001-00001.html.0123abcd.tmp"
+    unfinished.parent.mkdir(parents=True)
+    place = Place(tmp_path)
+    with workspace.owned(place.reports, role="reports", name=".lock", below=()):
+        unfinished.touch()
+        code, said = run(place, stage="report")
+        assert (code, said) == (2, f"highd-lc: {place.reports}: another run is using this reports folder\n")
+        assert run(place, "--workers", "1", stage="ingest")[0] == 0
+        assert unfinished.exists()
+
+
+@pytest.mark.parametrize("other", ["scenarios/.page.1.tmp", "elsewhere/figures/.x.tmp", "events/kept.html"])
+def test_a_report_clears_away_its_own_files_alone(tmp_path: Path, other: str) -> None:
+    own = [tmp_path / ".index.html.0.tmp", tmp_path / "events" / ".01-0001-00001.png.0.tmp"]
+    for path in (*own, tmp_path / other):
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.touch()
+    with workspace.owned(tmp_path, **engine._OF_REPORTS):
+        assert not any(path.exists() for path in own)
+    assert (tmp_path / other).exists()

@@ -4,6 +4,7 @@ import os
 import signal
 import subprocess
 import sys
+import tempfile
 import time
 from collections.abc import Callable
 from dataclasses import replace
@@ -14,12 +15,12 @@ import pytest
 from faulty_runs import QUICK, Place, contents, descendants, run
 from rich.console import Console
 
-from highd_lc import engine
+from highd_lc import engine, execution
 from highd_lc.execution import InProcess, LocalProcesses
 from highd_lc.io import settings
 from highd_lc.io.inputs import Inputs, find_inputs
 from highd_lc.stage_run import _carry_out
-from highd_lc.vocab.errors import WorkerLostError
+from highd_lc.vocab.errors import StorageError, WorkerLostError
 from highd_lc.vocab.job import Options
 
 _LONG = bool(os.environ.get("HIGHD_LC_FAULTS"))
@@ -169,3 +170,34 @@ def test_pages_come_back_in_the_order_of_their_calls() -> None:
 def test_a_page_that_ends_its_process_is_not_taken_for_a_recording() -> None:
     with LocalProcesses(2, preload=[]) as execution, pytest.raises(WorkerLostError, match=r"^overview pages"):
         _carry_out(execution, [partial(_page, 1), _die_anyway])
+
+
+_ECHO = """
+from functools import partial
+from highd_lc.execution import LocalProcesses
+if __name__ == "__main__":
+    with LocalProcesses(2, preload=[]) as execution:
+        print([result() for _, result in execution.results({1: partial(abs, -1)})])
+"""
+
+
+@pytest.mark.parametrize("length", [75, 76, 200])
+def test_a_temporary_folder_may_have_any_length(tmp_path: Path, length: int) -> None:
+    with tempfile.TemporaryDirectory(dir="/tmp") as root:
+        folder = Path(root, "x" * (length - len(root) - 1))
+        folder.mkdir()
+        program = tmp_path / "echo.py"
+        program.write_text(_ECHO)
+        environment = os.environ | {"TMPDIR": str(folder)}
+        done = subprocess.run([sys.executable, program], env=environment, capture_output=True, text=True)
+        assert (done.returncode, done.stdout) == (0, "[1]\n"), done.stderr
+        assert list(folder.iterdir()) == []
+
+
+def test_no_short_temporary_folder_is_told_with_the_variable_to_set(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(tempfile, "tempdir", "/" + "x" * 90)
+    monkeypatch.setattr(execution, "_SHORT_FOLDERS", ("/proc/nowhere",))
+    with pytest.raises(StorageError, match=r"^TMPDIR=/x+: .* at most 75 bytes: name a shorter one"):
+        LocalProcesses(2, preload=[])

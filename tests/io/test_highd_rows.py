@@ -98,7 +98,8 @@ def test_vehicle_without_rows_is_refused(tmp_path):
         (
             "recordingMeta",
             f"{RECORDING_COLUMNS}\n{recording_row(rate=0)}\n",
-            "01_recordingMeta.csv: row 2, column 'frameRate': 0 is outside [0.1, 1000]",
+            "01_recordingMeta.csv: row 2, column 'frameRate': 0 is outside [5, 1000]: lateral speeds take 3 "
+            "frames or more in 0.4 s",
         ),
         (
             "tracksMeta",

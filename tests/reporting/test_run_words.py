@@ -208,7 +208,10 @@ def test_a_run_without_events_says_so_and_nothing_else():
     crossings = run.crossings[~run.crossings["usable"]]
     empty = replace(run, events=run.events.iloc[:0], crossings=crossings, matrix=run.matrix.iloc[:0])
     assert [title for title, _ in run_says(empty)] == ["What went in", "What comes out"]
-    nothing = f"Nothing can be said of the local optimum: not one of {len(crossings)} lane-id changes can be used."
+    nothing = (
+        "Nothing can be said of the local optimum: no usable event, because not one of "
+        f"{len(crossings)} lane-id changes can be used."
+    )
     assert said(empty, "What comes out") == run_in_short(empty) == nothing
     none = replace(empty, crossings=crossings.iloc[:0])
     assert "no lane-id change was found" in run_in_short(none)

@@ -1,0 +1,78 @@
+"""A kernel's files that are torn, foreign or locked cost a compilation: no error, and never another result."""
+
+import importlib.util
+from pathlib import Path
+
+import numba
+import pytest
+
+_SOURCE = "def thrice(x):\n    return 3.0 * x\n"
+
+
+@pytest.fixture(scope="module")
+def thrice(tmp_path_factory):
+    """Calls the kernel as a new process would: its result, and whether it came from the cache."""
+    folder = tmp_path_factory.mktemp("kernel")
+    (folder / "source.py").write_text(_SOURCE)
+    spec = importlib.util.spec_from_file_location("source", folder / "source.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+
+    def call() -> tuple[float, bool]:
+        kernel = numba.njit(cache=True)(module.thrice)
+        return kernel(14.0), sum(kernel.stats.cache_hits.values()) == 1
+
+    call.cache = folder / "cache"
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(numba.config, "CACHE_DIR", str(call.cache))
+        assert call() == (42.0, False)
+        assert call() == (42.0, True)
+        yield call
+
+
+def _file(thrice, kind: str) -> Path:
+    (found,) = thrice.cache.rglob(f"*.{kind}")
+    return found
+
+
+def _flipped(content: bytes) -> bytes:
+    middle = len(content) // 2
+    return content[:middle] + bytes([content[middle] ^ 0xFF]) + content[middle + 1 :]
+
+
+_FAULTS = {
+    "empty": lambda content: b"",
+    "half": lambda content: content[: len(content) // 2],
+    "one byte short": lambda content: content[:-1],
+    "garbage": lambda content: b"\x80\x05garbage" * 40,
+    "text": lambda content: b"<html>not found</html>",
+    "other pickle": lambda content: b"N.",
+}
+
+
+@pytest.mark.parametrize("fault", _FAULTS)
+@pytest.mark.parametrize("kind", ["nbc", "nbi"])
+def test_a_spoilt_file_is_made_anew(thrice, kind, fault):
+    path = _file(thrice, kind)
+    path.write_bytes(_FAULTS[fault](path.read_bytes()))
+    assert thrice() == (42.0, False)
+    assert thrice() == (42.0, True)
+
+
+def test_machine_code_with_a_wrong_bit_is_not_run(thrice):
+    path = _file(thrice, "nbc")
+    path.write_bytes(_flipped(path.read_bytes()))
+    assert thrice() == (42.0, False)
+    assert thrice() == (42.0, True)
+
+
+@pytest.mark.parametrize("kind", ["nbc", "nbi"])
+def test_what_cannot_be_read_or_replaced_is_done_without(thrice, kind):
+    path = _file(thrice, kind)
+    content = path.read_bytes()
+    path.unlink()
+    path.mkdir()
+    assert thrice() == (42.0, False)
+    path.rmdir()
+    path.write_bytes(content)
+    assert thrice() == (42.0, True)
