@@ -10,7 +10,9 @@ def matrix_table(matrix: pd.DataFrame) -> Table:
     """The validation matrix over all events: gain of the local optimum over the benchmark, with its interval."""
     table = _table(
         "Validation matrix: gain of the local optimum over the benchmark, all events, in %",
-        "gain = 1 - ratio of the summed total losses; interval: bootstrap over recordings; "
+        "no event was planned: there is nothing to compare"
+        if matrix.empty
+        else "gain = 1 - ratio of the summed total losses; interval: bootstrap over recordings; "
         "inf. = no feasible plan; better, worse: share of events",
     )
     for heading in ("form", "accounting"):

@@ -39,7 +39,7 @@ def test_the_population_of_nobody_is_empty_tables(empty: Path, stage: object) ->
     for name in TABLES:
         assert artefacts.read(empty, name).empty or name == "summary_lcm"
     assert lcm_table(artefacts.read(empty, "summary_lcm")).columns
-    assert matrix_table(artefacts.read(empty, "validation_matrix")).row_count == 0
+    assert "no event was planned" in matrix_table(artefacts.read(empty, "validation_matrix")).caption
 
 
 @pytest.mark.parametrize("name", OVERVIEW_PAGES)
