@@ -65,6 +65,7 @@ def _go(stage: str, settings: Settings, options: Options, *, browser: bool = Fal
         from highd_lc import engine
 
         outcome = engine.run(settings, options, last=stage, console=console)
+    _print_confirmed(outcome)
     _print_results(stage, options)
     if browser:
         typer.launch(str(_page(options)))
@@ -75,6 +76,14 @@ def _page(options: Options) -> Path:
     """What to look at first: the page of the event asked for, else the index."""
     first = f"events/{options.events[0]}.html" if options.events else "index.html"
     return (options.reports / first).resolve()
+
+
+def _print_confirmed(outcome: Outcome) -> None:
+    counts = outcome.counts.get("extract", {})
+    if n_events := counts.get("events"):
+        confirmed = counts["roles_confirmed"]
+        text = f"roles confirmed by the recorded leader ids: {confirmed} of {n_events} events"
+        console.print(f"{text} ({confirmed / n_events:.1%})", soft_wrap=True, highlight=False)
 
 
 def _print_results(stage: str, options: Options) -> None:

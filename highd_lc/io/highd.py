@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from highd_lc.io.highd_csv import fault
 from highd_lc.io.highd_metas import RecordingMeta, VehicleMetas, read_recording_meta, read_vehicle_metas
 from highd_lc.io.highd_road import Road, to_road
-from highd_lc.io.highd_rows import read_rows
+from highd_lc.io.highd_rows import Samples, read_rows
 
 IntArray = NDArray[np.int64]
 
@@ -27,13 +27,16 @@ _FILE = re.compile(r"(\d+)_(recordingMeta|tracksMeta|tracks)\.csv")
 
 @dataclass(frozen=True)
 class Recording:
-    """A recording in road coordinates. duplicates: identical rows of each vehicle that were dropped."""
+    """A recording in road coordinates. duplicates: identical rows of each vehicle that were dropped; samples: a
+    few rows of columns that serve cross-checks alone.
+    """
 
     number: int
     meta: RecordingMeta
     vehicles: VehicleMetas
     road: Road
     duplicates: IntArray
+    samples: Samples
 
 
 def discover(data: Path) -> list[int]:
@@ -73,4 +76,4 @@ def read_recording(data: Path, recording: int) -> Recording:
     meta = read_recording_meta(meta_path)
     vehicles = read_vehicle_metas(vehicles_path)
     rows = read_rows(tracks_path, vehicles)
-    return Recording(recording, meta, vehicles, to_road(rows, meta, vehicles), rows.duplicates)
+    return Recording(recording, meta, vehicles, to_road(rows, meta, vehicles), rows.duplicates, rows.samples)

@@ -13,6 +13,8 @@ from numpy.typing import NDArray
 
 SKIPPED = -1
 FIRST_FLOAT = 64
+FIRST_SAMPLED = 128
+EVERY = 12
 
 _CHUNK = 1 << 20
 _WORD = 8
@@ -31,23 +33,28 @@ _ONE, _SEVEN, _TOP_BYTE = np.uint64(1), np.uint64(7), np.uint64(56)
 
 def read_plain(
     path: Path, kinds: NDArray[np.int64], limits: NDArray[np.float64]
-) -> tuple[NDArray[np.int64], NDArray[np.float64]] | None:
+) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]] | None:
     """Read whole-number and decimal columns of a file whose first line is the header.
 
-    kinds: for each column of the file -1 = skip, k = k-th whole-number column, 64 + k = k-th decimal column;
-    limits: smallest and largest value of each column, shape (columns, 2). Returns arrays of shape (whole-number
-    columns, rows) and (decimal columns, rows); None if a line is torn, or a cell not plain or out of its limits.
-    A line break inside a skipped cell goes unnoticed.
+    kinds: for each column of the file -1 = skip, k = k-th whole-number column, 64 + k = k-th decimal column,
+    128 + k = k-th sampled column; limits: smallest and largest value of each column, shape (columns, 2). Returns
+    arrays of shape (whole-number columns, rows), (decimal columns, rows), and (sampled columns, rows / EVERY):
+    decimal columns of which the first of every ``EVERY`` rows is read, NaN where it is not plain. None if a line
+    is torn, or a cell of the others not plain or out of its limits. A line break inside a skipped cell goes
+    unnoticed.
     """
     n_integers = int(np.sum((kinds >= 0) & (kinds < FIRST_FLOAT)))
-    n_floats = int(np.sum(kinds >= FIRST_FLOAT))
+    n_floats = int(np.sum((kinds >= FIRST_FLOAT) & (kinds < FIRST_SAMPLED)))
     # The shortest line: a comma or line feed a column, a digit a column that is read. Pages of an array that
     # nothing is written to take no memory, so the bound may be generous.
     most_rows = path.stat().st_size // (len(kinds) + n_integers + n_floats) + 1
     integers = np.empty((n_integers, most_rows), dtype=np.int64)
     floats = np.empty((n_floats, most_rows))
-    rows = _read_chunks(path, kinds, limits, integers=integers, floats=floats)
-    return None if rows == _GAVE_UP else (integers[:, :rows], floats[:, :rows])
+    sampled = np.empty((int(np.sum(kinds >= FIRST_SAMPLED)), most_rows // EVERY + 1))
+    rows = _read_chunks(path, kinds, limits, integers=integers, floats=floats, sampled=sampled)
+    if rows == _GAVE_UP:
+        return None
+    return integers[:, :rows], floats[:, :rows], sampled[:, : -(-rows // EVERY)]
 
 
 def _read_chunks(
@@ -57,17 +64,20 @@ def _read_chunks(
     *,
     integers: NDArray[np.int64],
     floats: NDArray[np.float64],
+    sampled: NDArray[np.float64],
 ) -> int:
     """Parse the file chunk by chunk of whole lines. Returns the number of rows, or that it gave up."""
     buffer = np.zeros(_CHUNK + _WORD, dtype=np.uint8)
     words = np.ndarray(shape=_CHUNK + 1, dtype=np.uint64, buffer=buffer, strides=1)
-    runs = _runs(kinds)
+    # What is done with each column: in most rows, and in the sampled ones.
+    kinds = np.stack([np.where(kinds >= FIRST_SAMPLED, SKIPPED, kinds), kinds])
+    runs = np.stack([_runs(kinds[0]), _runs(kinds[1])])
     row = kept = 0
     with path.open("rb") as file:
         file.readline()
         while got := file.readinto(memoryview(buffer)[kept:_CHUNK]):
             filled = kept + got
-            row, used = _parse(buffer, words, filled, kinds, runs, limits, integers, floats, row, _POWERS)
+            row, used = _parse(buffer, words, filled, kinds, runs, limits, integers, floats, sampled, row, _POWERS)
             if used <= 0:
                 return _GAVE_UP
             kept = filled - used
@@ -132,7 +142,7 @@ def _number(buffer, at, decimal):
 
 
 @njit(cache=True, nogil=True)
-def _parse(buffer, words, filled, kinds, runs, limits, integers, floats, row, powers):
+def _parse(buffer, words, filled, kinds, runs, limits, integers, floats, sampled, row, powers):
     """Parse the whole lines of a buffer. Returns the next row and the bytes used, or that it gave up.
 
     words: the eight bytes from each byte of the buffer on.
@@ -140,19 +150,25 @@ def _parse(buffer, words, filled, kinds, runs, limits, integers, floats, row, po
     stop = filled
     while stop > 0 and buffer[stop - 1] != _LINE_FEED:
         stop -= 1
-    last = len(kinds) - 1
+    last = kinds.shape[1] - 1
     at = 0
     while at < stop:
-        column = 0
+        column, chosen = 0, np.int64(row % EVERY == 0)
         while column <= last:
-            if runs[column] > 0:
-                at = _after_commas(words, at, runs[column], stop)
-                column += runs[column]
+            if runs[chosen, column] > 0:
+                at = _after_commas(words, at, runs[chosen, column], stop)
+                column += runs[chosen, column]
                 if at >= stop:
                     return row, _GAVE_UP
-            kind = kinds[column]
+            kind = kinds[chosen, column]
             if kind == SKIPPED:  # the last column
                 while buffer[at] != _LINE_FEED and buffer[at] != _COMMA:
+                    at += 1
+            elif kind >= FIRST_SAMPLED:
+                number, decimals, end = _number(buffer, at, True)
+                plain = end != _GAVE_UP and (buffer[end] == _COMMA or buffer[end] <= _RETURN)
+                sampled[kind - FIRST_SAMPLED, row // EVERY] = number / powers[decimals] if plain else np.nan
+                while buffer[at] != _LINE_FEED and buffer[at] != _COMMA and buffer[at] != _RETURN:
                     at += 1
             else:
                 decimal = kind >= FIRST_FLOAT
