@@ -1,4 +1,4 @@
-"""What columns of the tracks say of each other, vehicle by vehicle: the evidence of the cross-checks.
+"""What columns of the tracks say of each other: the evidence of the cross-checks, row by row or second by second.
 
 Motion is compared over a second, not from frame to frame: white noise of 0.05 m in positions at 25 Hz makes their
 differences disagree with the speeds by 1.2 m/s, but the way of a second by 0.07 m.
@@ -16,6 +16,7 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
 
+# What holds for nearly all vehicles shows in every other second too: the checks may cost a few percent of ingest.
 _WINDOW_S = 1.0
 # The trapezoidal rule misses what happens between samples that are a second apart.
 _FEWEST_FRAMES = 3
@@ -23,97 +24,132 @@ _FEWEST_FRAMES = 3
 
 @dataclass(frozen=True)
 class Seconds:
-    """A quantity and its rate in windows of a second, none across a hole; each of shape (windows,).
+    """Windows of a second or, at low frame rates, of three frames, in every other one, none across a hole.
 
-    first, last: rows at its ends; measured: change of the quantity a second; recorded: mean of the column that
-    holds its rate.
+    vehicle: index; first, last: rows at the ends; each of shape (windows,). frames: of a window.
     """
 
+    vehicle: IntArray
     first: IntArray
     last: IntArray
-    measured: FloatArray
-    recorded: FloatArray
+    frames: int
+
+    def chosen(self, which: BoolArray) -> "Seconds":
+        """Some of the windows; which: of shape (windows,)."""
+        return Seconds(self.vehicle[which], self.first[which], self.last[which], self.frames)
 
 
-def over_seconds(
-    index: TrackIndex, quantity: FloatArray, rate_column: FloatArray, *, frame_rate: float
-) -> Seconds:
-    """Change of a quantity beside the mean of its recorded rate; both of shape (rows,), frame_rate [Hz]."""
-    step = max(_FEWEST_FRAMES, int(np.ceil(_WINDOW_S * frame_rate - 1e-9)))
-    most = int(np.sum(np.maximum(index.counts - 1, 0) // step))
-    first, means = np.empty(most, dtype=np.int64), np.empty(most)
-    n = _over_seconds(index.starts, index.frame, rate_column, step, first, means)
-    first, last = first[:n], first[:n] + step
-    return Seconds(first, last, (quantity[last] - quantity[first]) * (frame_rate / step), means[:n])
+def seconds_of(index: TrackIndex, *, frame_rate: float) -> Seconds:
+    """Every other second of every track. frame_rate [Hz]."""
+    frames = max(_FEWEST_FRAMES, int(np.ceil(_WINDOW_S * frame_rate - 1e-9)))
+    most = int(np.sum(np.maximum(index.counts - 1, 0) // frames))
+    vehicle, first = np.empty(most, dtype=np.int64), np.empty(most, dtype=np.int64)
+    n = _seconds(index.starts, index.frame, frames, vehicle, first)
+    return Seconds(vehicle[:n], first[:n], first[:n] + frames, frames)
 
 
 @njit(cache=True, nogil=True)
-def _over_seconds(
-    starts: IntArray, frame: IntArray, rate_column: FloatArray, step: int, windows: IntArray, means: FloatArray
-) -> int:
-    """Fill in windows that follow one another; the mean is that of the trapezoidal rule. Returns how many."""
+def _seconds(starts: IntArray, frame: IntArray, frames: int, vehicles: IntArray, windows: IntArray) -> int:
+    """Fill in the windows. Returns how many."""
     n = 0
     for vehicle in range(len(starts) - 1):
         first = starts[vehicle]
-        while first + step < starts[vehicle + 1]:
-            last = first + step
-            if frame[last] - frame[first] != step:
+        while first + frames < starts[vehicle + 1]:
+            if frame[first + frames] - frame[first] == frames:
+                vehicles[n], windows[n] = vehicle, first
+                n += 1
+                first += 2 * frames
+            else:
                 first += 1
-                continue
-            total = (rate_column[first] + rate_column[last]) / 2
-            for row in range(first + 1, last):
-                total += rate_column[row]
-            windows[n], means[n] = first, total / step
-            n += 1
-            first = last
     return n
+
+
+@njit(cache=True, nogil=True)
+def means(column: FloatArray, first: IntArray, frames: int) -> FloatArray:
+    """Mean of a column over windows by the trapezoidal rule. column: of shape (rows,); first: first row of each
+    window, shape (windows,); frames: of a window. Returns shape (windows,).
+    """
+    found = np.empty(len(first))
+    for k in range(len(first)):
+        total = (column[first[k]] + column[first[k] + frames]) / 2
+        for row in range(first[k] + 1, first[k] + frames):
+            total += column[row]
+        found[k] = total / frames
+    return found
 
 
 @dataclass(frozen=True)
 class Neighbours:
-    """Who is next on the lane, by the file and by the positions, in one frame a second; ids, 0 = nobody.
+    """Who is next on the lane by the positions, in one frame of two seconds; ids, 0 = nobody.
 
-    row, recorded_leader, recorded_follower, leader, follower: of shape (n,).
+    vehicle: index; row; leader, follower: each of shape (n,).
     """
 
+    vehicle: IntArray
     row: IntArray
-    recorded_leader: IntArray
-    recorded_follower: IntArray
     leader: IntArray
     follower: IntArray
 
 
 def neighbours(
-    index: TrackIndex, x: FloatArray, lane: IntArray, leader_id: IntArray, follower_id: IntArray,
-    *, ids: IntArray, direction: IntArray, frame_rate: float,
-) -> Neighbours:  # fmt: skip
-    """Neighbours of every vehicle on a lane. x [m], lane, leader_id, follower_id: of shape (rows,); ids, direction
-    (1 or 2): of shape (vehicles,).
+    index: TrackIndex, x: FloatArray, lane: IntArray, *, ids: IntArray, direction: IntArray, frame_rate: float
+) -> Neighbours:
+    """Neighbours of every vehicle on a lane. x [m], lane: of shape (rows,); ids, direction (1 or 2): of shape
+    (vehicles,).
     """
-    every = max(1, round(_WINDOW_S * frame_rate))
-    rows = np.flatnonzero(index.frame % every == 0)
-    rows = rows[lane[rows] > 0]
-    vehicle = np.searchsorted(index.starts, rows, side="right") - 1
-    place = (index.frame[rows] * 3 + direction[vehicle]) * (int(lane.max(initial=0)) + 1) + lane[rows]
-    order = np.lexsort((x[rows], place))
-    rows, vehicle, place = rows[order], vehicle[order], place[order]
+    every = max(1, round(2 * _WINDOW_S * frame_rate))
+    most = int(np.sum(index.counts // every + 1))
+    vehicle, row = np.empty(most, dtype=np.int64), np.empty(most, dtype=np.int64)
+    n = _rows_of_frames(index.starts, index.frame, lane, every, vehicle, row)
+    vehicle, row = vehicle[:n], row[:n]
+    place = (index.frame[row] // every * 3 + direction[vehicle]) * (int(lane[row].max(initial=0)) + 1) + lane[row]
+    # One number for place and x is sorted twice as fast as two.
+    order = np.argsort(place * (2 * np.abs(x[row]).max(initial=0.0) + 1.0) + x[row], kind="stable")
+    vehicle, row, place = vehicle[order], row[order], place[order]
     together = place[1:] == place[:-1]
-    leader, follower = np.zeros(len(rows), dtype=np.int64), np.zeros(len(rows), dtype=np.int64)
+    leader, follower = np.zeros(n, dtype=np.int64), np.zeros(n, dtype=np.int64)
     leader[:-1][together] = ids[vehicle[1:]][together]
     follower[1:][together] = ids[vehicle[:-1]][together]
-    return Neighbours(rows, leader_id[rows], follower_id[rows], leader, follower)
+    return Neighbours(vehicle, row, leader, follower)
+
+
+@njit(cache=True, nogil=True)
+def _rows_of_frames(
+    starts: IntArray, frame: IntArray, lane: IntArray, every: int, vehicles: IntArray, rows: IntArray
+) -> int:
+    """Fill in rows on a lane whose frame is a multiple of ``every``; some behind holes are passed by. Returns how
+    many.
+    """
+    n = 0
+    for vehicle in range(len(starts) - 1):
+        row = starts[vehicle]
+        while row < starts[vehicle + 1]:
+            if frame[row] % every:
+                row += 1
+                continue
+            if lane[row] > 0:
+                vehicles[n], rows[n] = vehicle, row
+                n += 1
+            row += every
+    return n
 
 
 def gaps_to(
-    index: TrackIndex, x: FloatArray, rows: IntArray, leader_id: IntArray, *, ids: IntArray, length: FloatArray
+    index: TrackIndex,
+    x: FloatArray,
+    *,
+    vehicle: IntArray,
+    row: IntArray,
+    leader_id: IntArray,
+    ids: IntArray,
+    length: FloatArray,
 ) -> FloatArray:
     """Gap of some rows to the leader that they name [m], NaN where it is nobody or not in view. x [m]: of shape
-    (rows,); leader_id: of shape (n,); ids, length [m]: of shape (vehicles,).
+    (rows,); vehicle, row, leader_id: of shape (n,); ids, length [m]: of shape (vehicles,).
     """
-    vehicle = np.searchsorted(index.starts, rows, side="right") - 1
     leader = np.minimum(np.searchsorted(ids, leader_id), len(ids) - 1)
-    ahead = find_rows(index.starts, index.frame, leader, index.frame[rows])
-    gap = x[ahead] - x[rows] - (length[leader] + length[vehicle]) / 2
+    ahead = find_rows(index.starts, index.frame, leader, index.frame[row])
+    gap = x[ahead] - x[row] - (length[leader] + length[vehicle]) / 2
     return np.where((ids[leader] == leader_id) & (ahead >= 0), gap, np.nan)
 
 
@@ -125,10 +161,11 @@ def crossing_offsets(
     y [m], lane: of shape (rows,); markings: of each direction, from the right; direction: of shape (vehicles,).
     Returns vehicle index, offset, and half way, each of shape (changes,).
     """
-    rows = 1 + np.flatnonzero((np.abs(np.diff(lane)) == 1) & (np.minimum(lane[1:], lane[:-1]) > 0))
+    rows = 1 + np.flatnonzero(lane[1:] != lane[:-1])
+    right, left = np.minimum(lane[rows], lane[rows - 1]), np.maximum(lane[rows], lane[rows - 1])
     vehicle = np.searchsorted(index.starts, rows, side="right") - 1
     inside = (rows > index.starts[vehicle]) & (index.frame[rows] - index.frame[rows - 1] == 1)
-    rows, vehicle = rows[inside], vehicle[inside]
-    right = np.minimum(lane[rows], lane[rows - 1])
+    chosen = inside & (right > 0) & (left - right == 1)
+    rows, vehicle, right = rows[chosen], vehicle[chosen], right[chosen]
     marking = np.array([markings[d][m] for d, m in zip(direction[vehicle].tolist(), right.tolist(), strict=True)])
     return vehicle, (y[rows] + y[rows - 1]) / 2 - marking, np.abs(y[rows] - y[rows - 1]) / 2

@@ -37,10 +37,11 @@ FIELDS = (
 class Samples:
     """What a few rows say of columns that serve cross-checks alone, each of shape (n,); NaN = not there.
 
-    row: place in the ordered rows; length, width [m] (HighD calls them width and height); gap [m]: to the leader,
-    0 = none.
+    vehicle: index; row: place in the ordered rows; length, width [m] (HighD calls them width and height); gap [m]:
+    to the leader, 0 = none.
     """
 
+    vehicle: IntArray
     row: IntArray
     length: FloatArray
     width: FloatArray
@@ -80,8 +81,9 @@ def read_rows(path: Path, vehicles: VehicleMetas) -> Rows:
         columns = {name: np.delete(values, doubled) for name, values in columns.items()}
         index = TrackIndex.of(columns["id"], columns["frame"])
     _refuse_absent(path, columns["id"][index.starts[:-1]], vehicles)
-    places = find_rows(index.starts, index.frame, np.searchsorted(vehicles.id, sampled_id), sampled_frame)
-    return Rows(columns, index, dropped, Samples(places, *sampled))
+    vehicle = np.searchsorted(vehicles.id, sampled_id)
+    places = find_rows(index.starts, index.frame, vehicle, sampled_frame)
+    return Rows(columns, index, dropped, Samples(vehicle, places, *sampled))
 
 
 def _refuse_strangers(path: Path, ids: IntArray, runs: IntArray, *, vehicles: VehicleMetas) -> None:

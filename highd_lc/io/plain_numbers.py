@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 SKIPPED = -1
 FIRST_FLOAT = 64
 FIRST_SAMPLED = 128
-EVERY = 12
+EVERY = 64
 
 _CHUNK = 1 << 20
 _WORD = 8
@@ -45,13 +45,18 @@ def read_plain(
     """
     n_integers = int(np.sum((kinds >= 0) & (kinds < FIRST_FLOAT)))
     n_floats = int(np.sum((kinds >= FIRST_FLOAT) & (kinds < FIRST_SAMPLED)))
+    sampled_at = np.flatnonzero(kinds >= FIRST_SAMPLED)
+    sampled_at = sampled_at[np.argsort(kinds[sampled_at])]
     # The shortest line: a comma or line feed a column, a digit a column that is read. Pages of an array that
     # nothing is written to take no memory, so the bound may be generous.
     most_rows = path.stat().st_size // (len(kinds) + n_integers + n_floats) + 1
     integers = np.empty((n_integers, most_rows), dtype=np.int64)
     floats = np.empty((n_floats, most_rows))
-    sampled = np.empty((int(np.sum(kinds >= FIRST_SAMPLED)), most_rows // EVERY + 1))
-    rows = _read_chunks(path, kinds, limits, integers=integers, floats=floats, sampled=sampled)
+    sampled = np.empty((len(sampled_at), most_rows // EVERY + 1))
+    dense = np.where(kinds >= FIRST_SAMPLED, SKIPPED, kinds)
+    rows = _read_chunks(
+        path, dense, limits, integers=integers, floats=floats, sampled=sampled, sampled_at=sampled_at
+    )
     if rows == _GAVE_UP:
         return None
     return integers[:, :rows], floats[:, :rows], sampled[:, : -(-rows // EVERY)]
@@ -65,21 +70,22 @@ def _read_chunks(
     integers: NDArray[np.int64],
     floats: NDArray[np.float64],
     sampled: NDArray[np.float64],
+    sampled_at: NDArray[np.int64],
 ) -> int:
     """Parse the file chunk by chunk of whole lines. Returns the number of rows, or that it gave up."""
     buffer = np.zeros(_CHUNK + _WORD, dtype=np.uint8)
     words = np.ndarray(shape=_CHUNK + 1, dtype=np.uint64, buffer=buffer, strides=1)
-    # What is done with each column: in most rows, and in the sampled ones.
-    kinds = np.stack([np.where(kinds >= FIRST_SAMPLED, SKIPPED, kinds), kinds])
-    runs = np.stack([_runs(kinds[0]), _runs(kinds[1])])
+    runs, lines = _runs(kinds), np.empty(_CHUNK // EVERY + 1, dtype=np.int64)
     row = kept = 0
     with path.open("rb") as file:
         file.readline()
         while got := file.readinto(memoryview(buffer)[kept:_CHUNK]):
             filled = kept + got
-            row, used = _parse(buffer, words, filled, kinds, runs, limits, integers, floats, sampled, row, _POWERS)
+            first = -(-row // EVERY)
+            row, used = _parse(buffer, words, filled, kinds, runs, limits, integers, floats, row, _POWERS, lines)
             if used <= 0:
                 return _GAVE_UP
+            _sample(buffer, words, lines[: -(-row // EVERY) - first], sampled_at, sampled[:, first:], _POWERS)
             kept = filled - used
             buffer[:kept] = buffer[used:filled]
     return row if kept == 0 else _GAVE_UP
@@ -142,33 +148,30 @@ def _number(buffer, at, decimal):
 
 
 @njit(cache=True, nogil=True)
-def _parse(buffer, words, filled, kinds, runs, limits, integers, floats, sampled, row, powers):
+def _parse(buffer, words, filled, kinds, runs, limits, integers, floats, row, powers, lines):
     """Parse the whole lines of a buffer. Returns the next row and the bytes used, or that it gave up.
 
-    words: the eight bytes from each byte of the buffer on.
+    words: the eight bytes from each byte of the buffer on; lines: where the sampled lines begin, filled in.
     """
     stop = filled
     while stop > 0 and buffer[stop - 1] != _LINE_FEED:
         stop -= 1
-    last = kinds.shape[1] - 1
-    at = 0
+    last = len(kinds) - 1
+    at = n_lines = 0
     while at < stop:
-        column, chosen = 0, np.int64(row % EVERY == 0)
+        if row % EVERY == 0:
+            lines[n_lines] = at
+            n_lines += 1
+        column = 0
         while column <= last:
-            if runs[chosen, column] > 0:
-                at = _after_commas(words, at, runs[chosen, column], stop)
-                column += runs[chosen, column]
+            if runs[column] > 0:
+                at = _after_commas(words, at, runs[column], stop)
+                column += runs[column]
                 if at >= stop:
                     return row, _GAVE_UP
-            kind = kinds[chosen, column]
+            kind = kinds[column]
             if kind == SKIPPED:  # the last column
                 while buffer[at] != _LINE_FEED and buffer[at] != _COMMA:
-                    at += 1
-            elif kind >= FIRST_SAMPLED:
-                number, decimals, end = _number(buffer, at, True)
-                plain = end != _GAVE_UP and (buffer[end] == _COMMA or buffer[end] <= _RETURN)
-                sampled[kind - FIRST_SAMPLED, row // EVERY] = number / powers[decimals] if plain else np.nan
-                while buffer[at] != _LINE_FEED and buffer[at] != _COMMA and buffer[at] != _RETURN:
                     at += 1
             else:
                 decimal = kind >= FIRST_FLOAT
@@ -190,3 +193,18 @@ def _parse(buffer, words, filled, kinds, runs, limits, integers, floats, sampled
             column += 1
         row += 1
     return row, at
+
+
+@njit(cache=True, nogil=True)
+def _sample(buffer, words, lines, columns, sampled, powers):
+    """Parse some columns of some lines, NaN where a cell is not plain. columns: of the file; the last one too."""
+    for place in range(len(lines)):
+        for k in range(len(columns)):
+            at = lines[place]
+            if columns[k] > 0:
+                at = _after_commas(words, at, columns[k], len(buffer))
+            number, decimals, end = _number(buffer, at, True)
+            plain = end != _GAVE_UP and (
+                buffer[end] == _COMMA or buffer[end] == _LINE_FEED or buffer[end] == _RETURN
+            )
+            sampled[k, place] = number / powers[decimals] if plain else np.nan

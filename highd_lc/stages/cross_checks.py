@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from highd_lc.algorithms import contradictions
+from highd_lc.algorithms.contradictions import Seconds
 from highd_lc.algorithms.data_quality import VehicleFacts
 from highd_lc.io.highd import Recording, input_files
 from highd_lc.vocab import names
@@ -52,6 +53,7 @@ def findings(recording: Recording, facts: VehicleFacts) -> dict[str, Finding]:
         **_sizes(recording),
         **_places(recording, facts),
         **_motions(recording),
+        "fastest": _fastest(facts, recording),
         **_neighbours(recording),
         **_metas(recording, facts),
     }
@@ -117,7 +119,7 @@ def _sizes(recording: Recording) -> dict[str, Finding]:
     fits = (low[:, 0] <= metas.length) & (metas.length <= low[:, 1])
     fits &= (low[:, 2] <= metas.width) & (metas.width <= low[:, 3]) & (metas.width <= metas.length)
     found = {"class_sizes": Finding(everyone, fits, lambda wrong: _why_sizes(recording, wrong))}
-    vehicle = _vehicle_of(recording, samples.row)
+    vehicle = samples.vehicle
     for name in ("length", "width"):
         seen, of_metas = getattr(samples, name), getattr(metas, name)
         known = np.isfinite(seen)
@@ -127,10 +129,6 @@ def _sizes(recording: Recording) -> dict[str, Finding]:
             lambda wrong, seen=seen, of_metas=of_metas: _why_other_size(vehicle, seen, of_metas, wrong),
         )
     return found
-
-
-def _vehicle_of(recording: Recording, rows: IntArray) -> IntArray:
-    return np.searchsorted(recording.road.tracks.index.starts, rows, side="right") - 1
 
 
 def _why_sizes(recording: Recording, wrong: IntArray) -> str:
@@ -229,41 +227,47 @@ def _lane_edges(recording: Recording) -> Finding:
 
 def _motions(recording: Recording) -> dict[str, Finding]:
     tracks = recording.road.tracks
-    of_vehicle = np.abs(np.add.reduceat(tracks.vx, tracks.index.starts[:-1])) / tracks.index.counts
-    fastest = Finding(
-        np.ones(len(of_vehicle), dtype=bool),
-        of_vehicle <= CROSS_CHECKS["fastest"].tolerance,
-        lambda wrong: f"{np.median(of_vehicle[wrong]):.3g} at the median: in km/h, or feet a second?",
-    )
-    return {
-        "speed": _motion(recording, "speed", tracks.x, tracks.vx),
-        "fastest": fastest,
-        "lateral_speed": _motion(recording, "lateral_speed", tracks.y, tracks.vy),
-        "acceleration": _motion(recording, "acceleration", tracks.vx, tracks.ax, biased=True),
-        "lateral_acceleration": _motion(recording, "lateral_acceleration", tracks.vy, tracks.ay),
+    seconds = contradictions.seconds_of(tracks.index, frame_rate=recording.meta.frame_rate)
+    seconds = seconds.chosen(_away_from_ends(recording, seconds))
+    pairs = {
+        "speed": (tracks.x, tracks.vx),
+        "lateral_speed": (tracks.y, tracks.vy),
+        "acceleration": (tracks.vx, tracks.ax),
+        "lateral_acceleration": (tracks.vy, tracks.ay),
     }
+    return {name: _motion(recording, name, seconds, *columns) for name, columns in pairs.items()}
 
 
 def _motion(
-    recording: Recording, name: str, quantity: FloatArray, rate_column: FloatArray, *, biased: bool = False
+    recording: Recording, name: str, seconds: Seconds, quantity: FloatArray, rate_column: FloatArray
 ) -> Finding:
-    """A column against the quantity whose rate it holds. biased: each direction may have a bias of its own."""
-    tracks, metas, check = recording.road.tracks, recording.vehicles, CROSS_CHECKS[name]
-    found = contradictions.over_seconds(tracks.index, quantity, rate_column, frame_rate=recording.meta.frame_rate)
-    vehicle, recorded = _vehicle_of(recording, found.first), found.recorded.copy()
-    for direction in (1, 2) if biased else ():
-        own = metas.direction[vehicle] == direction
-        recorded[own] -= np.median(found.recorded[own] - found.measured[own]) if own.any() else 0.0
-    telling = np.abs(found.measured) >= check.signal
-    telling &= _away_from_ends(recording, vehicle, found.first, found.last)
-    vehicle, measured, recorded = vehicle[telling], found.measured[telling], recorded[telling]
+    """A column against the quantity whose rate it holds."""
+    metas, check, vehicle = recording.vehicles, CROSS_CHECKS[name], seconds.vehicle
+    recorded = contradictions.means(rate_column, seconds.first, seconds.frames)
+    measured = quantity[seconds.last] - quantity[seconds.first]
+    measured *= recording.meta.frame_rate / seconds.frames
+    if check.biased:
+        for direction in (1, 2):
+            own = metas.direction[vehicle] == direction
+            recorded[own] -= np.median(recorded[own] - measured[own]) if own.any() else 0.0
+    telling = np.abs(measured) >= check.signal
+    vehicle, measured, recorded = vehicle[telling], measured[telling], recorded[telling]
     factor = _slopes(vehicle, measured, recorded, len(metas.id))
     if check.factor:
-        agrees = (factor >= 1 / check.factor) & (factor <= check.factor)
-        of_vehicles = np.isfinite(factor), agrees
+        of_vehicles = np.isfinite(factor), (factor >= 1 / check.factor) & (factor <= check.factor)
     else:
         of_vehicles = _of_samples(name, vehicle, _close(name, recorded - measured, measured), len(metas.id))
     return Finding(*of_vehicles, lambda wrong: _why_motion(recording, name, float(np.median(factor[wrong]))))
+
+
+def _fastest(facts: VehicleFacts, recording: Recording) -> Finding:
+    seconds = recording.road.tracks.index.counts / recording.meta.frame_rate
+    speed = np.abs(facts.travelled) / seconds
+
+    def why(wrong: IntArray) -> str:
+        return f"{np.median(speed[wrong]):.3g} m/s at the median: positions in feet or centimetres?"
+
+    return Finding(np.ones(len(speed), dtype=bool), speed <= CROSS_CHECKS["fastest"].tolerance, why)
 
 
 def _slopes(vehicle: IntArray, measured: FloatArray, recorded: FloatArray, n_vehicles: int) -> FloatArray:
@@ -272,10 +276,11 @@ def _slopes(vehicle: IntArray, measured: FloatArray, recorded: FloatArray, n_veh
     return np.divide(both, square, out=np.full(n_vehicles, np.nan), where=square > 0)
 
 
-def _away_from_ends(recording: Recording, vehicle: IntArray, first: IntArray, last: IntArray) -> BoolArray:
+def _away_from_ends(recording: Recording, seconds: Seconds) -> BoolArray:
     """Near the ends of the section positions and speeds disagree by up to 0.8 m/s (HIGHD.md, pitfall 3)."""
-    x, (entry, stop) = recording.road.tracks.x, recording.road.extent[recording.vehicles.direction[vehicle] - 1].T
-    low, high = np.minimum(x[first], x[last]), np.maximum(x[first], x[last])
+    entry, stop = recording.road.extent[recording.vehicles.direction - 1][seconds.vehicle].T
+    first, last = (recording.road.tracks.x[rows] for rows in (seconds.first, seconds.last))
+    low, high = np.minimum(first, last), np.maximum(first, last)
     ends = _ENDS * (stop - entry)
     away: BoolArray = (low >= entry + ends) & (high <= stop - ends)
     return away
@@ -297,35 +302,43 @@ def _why_motion(recording: Recording, name: str, factor: float) -> str:
 
 
 def _neighbours(recording: Recording) -> dict[str, Finding]:
-    metas, tracks, samples = recording.vehicles, recording.road.tracks, recording.samples
+    metas, tracks, rate = recording.vehicles, recording.road.tracks, recording.meta.frame_rate
     found = contradictions.neighbours(
-        tracks.index, tracks.x, tracks.lane, tracks.leader_id, tracks.follower_id,
-        ids=metas.id, direction=metas.direction, frame_rate=recording.meta.frame_rate,
-    )  # fmt: skip
-    pairs = {
-        "leader_ids": (found.recorded_leader, found.leader, found.follower),
-        "follower_ids": (found.recorded_follower, found.follower, found.leader),
-    }
-    checks = {name: _ids(recording, name, found.row, *ids) for name, ids in pairs.items()}
-    gap = contradictions.gaps_to(
-        tracks.index, tracks.x, samples.row, tracks.leader_id[samples.row], ids=metas.id, length=metas.length
+        tracks.index, tracks.x, tracks.lane, ids=metas.id, direction=metas.direction, frame_rate=rate
     )
-    known = np.isfinite(gap) & np.isfinite(samples.gap) & (samples.gap != 0)
-    vehicle, difference = _vehicle_of(recording, samples.row)[known], (samples.gap - gap)[known]
+    leader, follower = found.leader, found.follower
+    return {
+        "leader_ids": _ids("leader_ids", found.vehicle, tracks.leader_id[found.row], leader, follower, metas.id),
+        "follower_ids": _ids(
+            "follower_ids", found.vehicle, tracks.follower_id[found.row], follower, leader, metas.id
+        ),
+        "gaps": _gaps(recording),
+    }
+
+
+def _gaps(recording: Recording) -> Finding:
+    metas, tracks, samples = recording.vehicles, recording.road.tracks, recording.samples
+    some = np.flatnonzero(np.isfinite(samples.gap) & (samples.gap != 0))
+    vehicle, row = samples.vehicle[some], samples.row[some]
+    gap = contradictions.gaps_to(
+        tracks.index, tracks.x, vehicle=vehicle, row=row, leader_id=tracks.leader_id[row], ids=metas.id,
+        length=metas.length,
+    )  # fmt: skip
+    known = np.isfinite(gap)
+    vehicle, difference = vehicle[known], (samples.gap[some] - gap)[known]
 
     def why(wrong: IntArray) -> str:
         return f"{np.median(difference[np.isin(vehicle, wrong)]):+.3g} m at the median"
 
     of_vehicles = _of_samples("gaps", vehicle, _close("gaps", difference), len(metas.id))
-    return {**checks, "gaps": Finding(*of_vehicles, why)}
+    return Finding(*of_vehicles, why)
 
 
 def _ids(
-    recording: Recording, name: str, rows: IntArray, recorded: IntArray, true: IntArray, opposite: IntArray
+    name: str, vehicle: IntArray, recorded: IntArray, true: IntArray, opposite: IntArray, ids: IntArray
 ) -> Finding:
     telling = (recorded != 0) | (true != 0)
-    recorded, true, opposite = recorded[telling], true[telling], opposite[telling]
-    vehicle, ids = _vehicle_of(recording, rows[telling]), recording.vehicles.id
+    vehicle, recorded, true, opposite = (a[telling] for a in (vehicle, recorded, true, opposite))
 
     def why(wrong: IntArray) -> str:
         chosen = np.isin(vehicle, wrong) & (recorded != true)
