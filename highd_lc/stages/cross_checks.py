@@ -363,12 +363,15 @@ def _metas(recording: Recording, facts: VehicleFacts) -> dict[str, Finding]:
     metas, index = recording.vehicles, recording.road.tracks.index
     everyone = np.ones(len(metas.id), dtype=bool)
     n_rows = index.counts + recording.duplicates
+    # Whether a count of frames holds those in a hole is each tracker's own way: both are let pass.
+    spanned = index.frame[index.starts[1:] - 1] - index.frame[index.starts[:-1]] + 1
+    n_frames = (n_rows == metas.n_frames) | ((facts.holes > 0) & (spanned == metas.n_frames))
     in_view = (index.frame[index.starts[:-1]] == metas.first_frame) & (
         index.frame[index.starts[1:] - 1] == metas.last_frame
     )
     time_gap = (facts.min_time_gap - metas.min_time_gap) / np.maximum(1.0, metas.min_time_gap)
     return {
-        "n_frames": Finding(everyone, n_rows == metas.n_frames),
+        "n_frames": Finding(everyone, n_frames),
         "in_view": Finding(everyone, in_view),
         "lane_changes": Finding(everyone, facts.lane_changes == metas.n_lane_changes),
         "min_gap": Finding(

@@ -60,12 +60,12 @@ CROSS_CHECKS: Final = {
             "are outside the markings of their direction", nearly_all=0.25,
         ),
         CrossCheck(
-            "lanes", TRACKS, "laneId", "y + height / 2 and the markings", "are not in the lanes where y says",
-            share=0.9,
-        ),
-        CrossCheck(
             "class_sizes", VEHICLES, "width, height", "sizes of cars and trucks",
             "are not as long and wide as their class is",
+        ),
+        CrossCheck(
+            "lanes", TRACKS, "laneId", "y + height / 2 and the markings", "are not in the lanes where y says",
+            share=0.9,
         ),
         CrossCheck(
             "length", VEHICLES, "width", "width in the tracks", "have another width (the length) in the tracks",

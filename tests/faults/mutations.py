@@ -23,8 +23,12 @@ _READ = {
 def small_recording(vehicles: int = 12) -> Files:
     """The first vehicles of the first fixture, their neighbours among them only."""
     rows = {name: (FIXTURES / name).read_bytes().splitlines() for name in KINDS}
-    place = rows[TRACKS][0].split(b",").index(b"id")
-    kept = [row.split(b",") for row in rows[TRACKS][1:] if int(row.split(b",")[place]) <= vehicles]
+    names = rows[TRACKS][0].decode().split(",")
+    kept = [row.split(b",") for row in rows[TRACKS][1:] if int(row.split(b",")[names.index("id")]) <= vehicles]
+    neighbours = [place for place, name in enumerate(names) if name.endswith(("ingId", "sideId"))]
+    for cells in kept:
+        for place in neighbours:
+            cells[place] = cells[place] if int(cells[place]) <= vehicles else b"0"
     metas = [row for row in rows[VEHICLES][1:] if int(row.split(b",")[0]) <= vehicles]
     tables = {
         META: rows[META],
