@@ -1,8 +1,8 @@
-"""Recordings whose columns contradict each other, each with what has to come of it: tables, not bytes, are changed.
+"""Recordings whose columns contradict each other, each with what has to come of it.
 
 Every fault is a change of the three tables of the first fixture. It states what is right: an error that names the
-column (``REFUSED``), a warning or a listed problem that does (``TOLD``), or the lane changes of the clean recording
-within a tolerance (``KEPT``).
+column (``REFUSED``), a warning or a listed problem that does (``TOLD``), or the lane changes of the clean
+recording within a tolerance (``KEPT``).
 """
 
 from collections.abc import Callable, Iterator
@@ -23,8 +23,8 @@ LEADER, FOLLOWER, EGO, AT = 13, 17, 16, 24
 
 @dataclass(frozen=True)
 class Fault:
-    """A change of the tables ``t`` (tracks), ``v`` (tracksMeta), ``m`` (recordingMeta), what has to come of it, the
-    words that have to be said, and how far the numbers may be from those of the clean recording: gaps [m].
+    """A change of the tables ``t`` (tracks), ``v`` (tracksMeta), ``m`` (recordingMeta), what has to come of it,
+    the words that have to be said, and how far the gaps may be from those of the clean recording [m].
     """
 
     name: str
@@ -93,6 +93,11 @@ def put(kind: str, **columns: object) -> Callable[[SimpleNamespace], None]:
     return change
 
 
+def without_columns(kind: str, *columns: str) -> Callable[[SimpleNamespace], None]:
+    """Columns left out."""
+    return lambda r: setattr(r, kind, getattr(r, kind).drop(columns=list(columns)))
+
+
 def swapped(kind: str, one: str, other: str) -> Callable[[SimpleNamespace], None]:
     """Two columns in each other's place."""
     return put(kind, **{one: lambda f: f[other], other: lambda f: f[one]})
@@ -154,7 +159,7 @@ def _sizes() -> Iterator[Fault]:
     yield Fault("gaps", scaled("t", "dhw", 1.5), says="column 'dhw'")
     some = put("v", width=lambda f: f["width"] + (f["id"] % 7 == 0))
     yield Fault("lengths of some", some, TOLD, r"column 'width': \d+ of \d+ vehicles")
-    yield Fault("no sizes in the tracks", lambda r: r.t.drop(columns=["width", "height"], inplace=True), KEPT)
+    yield Fault("no sizes in the tracks", without_columns("t", "width", "height"), KEPT)
     yield Fault("junk where nothing is needed", put("t", width="?", height="", dhw="-", thw="inf"), KEPT)
 
 
@@ -171,10 +176,16 @@ def _signs() -> Iterator[Fault]:
     yield Fault("no lateral speeds", put("t", yVelocity=0.0), says="column 'yVelocity'.* empty")
 
 
+_MARKINGS = ("upperLaneMarkings", "lowerLaneMarkings")
+
+
+def _in_feet(markings: str) -> str:
+    return ";".join(f"{FEET * float(y):.2f}" for y in markings.split(";"))
+
+
 def _units() -> Iterator[Fault]:
     lengths = "x y width height xVelocity yVelocity xAcceleration yAcceleration dhw"
-    marked = {side: (lambda f, side=side: f[side].map(lambda text: ";".join(
-        f"{FEET * float(y):.2f}" for y in text.split(";")))) for side in ("upperLaneMarkings", "lowerLaneMarkings")}  # fmt: skip
+    marked = {side: lambda f, side=side: f[side].map(_in_feet) for side in _MARKINGS}
     feet = both(scaled("t", lengths, FEET), scaled("v", "width height traveledDistance minDHW", FEET),
                 put("m", **marked))  # fmt: skip
     yield Fault("all in feet", feet, says="LaneMarkings'.*a recording in feet")

@@ -1,4 +1,4 @@
-"""Columns held against each other: what contradicts is refused or told by name, what trackers leave does no harm."""
+"""Columns held against each other: contradictions are refused or told, what trackers leave does no harm."""
 
 import re
 from pathlib import Path
