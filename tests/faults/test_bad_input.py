@@ -8,8 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from faulty_runs import Place, contents, copy_of_fixtures, run
-from hypothesis import HealthCheck, given
-from hypothesis import settings as hypothesis_settings
+from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from mutations import (
     KINDS,
@@ -86,7 +85,7 @@ def test_a_fault_comes_to_what_it_has_to(name: str, files: Files, good: Recordin
 
 
 def _outcome(folder: Path, files: Files, good: Recording) -> str:
-    """What comes of a recording in ingest: words other than those of ``mutations`` are wrong numbers in silence."""
+    """What comes of a recording in ingest: words other than ``mutations`` has are wrong numbers in silence."""
     found = _read(folder / "data", files)
     if isinstance(found, InputError):
         return REFUSED
@@ -147,9 +146,7 @@ def test_what_cannot_be_true_is_refused(name: str, tmp_path: Path) -> None:
     assert isinstance(_read(tmp_path, dict(_MUTATED)[name]), InputError)
 
 
-@hypothesis_settings(
-    max_examples=_EXAMPLES, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
-)
+@settings(max_examples=_EXAMPLES, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(data=st.data())
 def test_any_bytes_anywhere(data: st.DataObject, tmp_path: Path) -> None:
     """Bytes overwritten, removed or put in at any place of any file."""
@@ -165,9 +162,7 @@ def test_any_bytes_anywhere(data: st.DataObject, tmp_path: Path) -> None:
         _is_sound(found)
 
 
-@hypothesis_settings(
-    max_examples=_EXAMPLES // 3, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
-)
+@settings(max_examples=_EXAMPLES // 3, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(
     column=st.sampled_from(["frame", "id", "x", "y", "xVelocity", "laneId", "precedingId"]),
     text=st.one_of(st.floats().map(repr), st.integers().map(str), st.text(max_size=8)),
