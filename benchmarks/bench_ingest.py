@@ -27,7 +27,7 @@ from highd_lc.vocab.job import Job, Provenance
 from highd_lc.vocab.recorder import RecorderSettings
 from highd_lc.vocab.settings import Settings
 
-NAMES = [field.name for field in FIELDS]
+NAMES = [field.name for field in FIELDS if not field.sampled]
 WHOLE = {field.name for field in FIELDS if field.kind is int}
 RUNS = 5
 

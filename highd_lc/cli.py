@@ -72,6 +72,7 @@ def _go(stage: str | None, settings: Settings, options: Options, *, browser: boo
     except HighdLcError as error:
         _list([problem for problem in outcome.problems if problem.message not in str(error)])
         raise
+    _print_confirmed(outcome)
     _print_results(list(outcome.counts)[-1], options)
     if browser:
         typer.launch(str(_page(options)))
@@ -82,6 +83,14 @@ def _page(options: Options) -> Path:
     """What to look at first: the page of the event asked for, else the index."""
     first = f"events/{options.events[0]}.html" if options.events else "index.html"
     return (options.reports / first).resolve()
+
+
+def _print_confirmed(outcome: Outcome) -> None:
+    counts = outcome.counts.get("extract", {})
+    if n_events := counts.get("events"):
+        confirmed = counts["roles_confirmed"]
+        text = f"roles confirmed by the recorded leader ids: {confirmed} of {n_events} events"
+        console.print(f"{text} ({confirmed / n_events:.1%})", soft_wrap=True, highlight=False)
 
 
 def _print_results(stage: str, options: Options) -> None:

@@ -17,20 +17,23 @@ from highd_lc.io.highd_csv import fault
 from highd_lc.io.highd_files import input_files
 from highd_lc.io.highd_metas import RecordingMeta, VehicleMetas, read_recording_meta, read_vehicle_metas
 from highd_lc.io.highd_road import Road, to_road
-from highd_lc.io.highd_rows import read_rows
+from highd_lc.io.highd_rows import Samples, read_rows
 
 IntArray = NDArray[np.int64]
 
 
 @dataclass(frozen=True)
 class Recording:
-    """A recording in road coordinates. duplicates: identical rows of each vehicle that were dropped."""
+    """A recording in road coordinates. duplicates: identical rows of each vehicle that were dropped; samples: a
+    few rows of columns that serve cross-checks alone.
+    """
 
     number: int
     meta: RecordingMeta
     vehicles: VehicleMetas
     road: Road
     duplicates: IntArray
+    samples: Samples
 
 
 def read_recording(data: Path, recording: int) -> Recording:
@@ -40,7 +43,7 @@ def read_recording(data: Path, recording: int) -> Recording:
     vehicles = read_vehicle_metas(vehicles_path)
     _refuse_unmarked(vehicles_path, meta, vehicles)
     rows = read_rows(tracks_path, vehicles)
-    return Recording(recording, meta, vehicles, to_road(rows, meta, vehicles), rows.duplicates)
+    return Recording(recording, meta, vehicles, to_road(rows, meta, vehicles), rows.duplicates, rows.samples)
 
 
 def _refuse_unmarked(path: Path, meta: RecordingMeta, vehicles: VehicleMetas) -> None:

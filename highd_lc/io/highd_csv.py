@@ -16,7 +16,7 @@ from pyarrow import csv as arrow_csv
 
 from highd_lc.io import packed_file
 from highd_lc.io.highd_lookalikes import lookalike
-from highd_lc.io.plain_numbers import FIRST_FLOAT, read_plain
+from highd_lc.io.plain_numbers import EVERY, FIRST_FLOAT, FIRST_SAMPLED, read_plain
 from highd_lc.vocab.errors import InputError
 
 Array = NDArray[np.float64] | NDArray[np.int64] | NDArray[np.str_]
@@ -27,7 +27,8 @@ class Field:
     """A column of a CSV file: whole number, number or text, and the range that a sane file keeps.
 
     optional: a number that the file may lack; it is NaN then. may_be_empty: a text that may have no letter. why:
-    what needs the range, if that is not plain.
+    what needs the range, if that is not plain. sampled: a number that serves cross-checks alone, read in the first
+    of every ``EVERY`` rows; NaN where it is none.
     """
 
     name: str
@@ -37,6 +38,7 @@ class Field:
     optional: bool = False
     may_be_empty: bool = False
     why: str = ""
+    sampled: bool = False
 
     def fault(self, text: str) -> str | None:
         """Why the text cannot be this field's value, or None."""
@@ -67,8 +69,13 @@ def fault(path: Path, text: str, *, column: str = "", row: int = 0) -> InputErro
 _TYPES = {int: pa.int64(), float: pa.float64(), str: pa.string()}
 
 
+def _type(field: Field) -> pa.DataType:
+    return pa.string() if field.sampled else _TYPES[field.kind]
+
+
 def read_columns(path: Path, fields: Sequence[Field]) -> dict[str, Array]:
-    """Read the columns of a CSV file as arrays, in the order of ``fields``; each of shape (rows,).
+    """Read the columns of a CSV file as arrays, in the order of ``fields``; each of shape (rows,), those that are
+    sampled (rows / EVERY,).
 
     Raises InputError naming file, column and row (line of the file, 1 = header) if the file is missing, empty
     or torn, a column is missing or doubled, or a cell is not what its field says.
@@ -80,7 +87,7 @@ def read_columns(path: Path, fields: Sequence[Field]) -> dict[str, Array]:
     except packed_file.FAULTS as error:
         raise fault(path, f"cannot be read: {error}") from error
     unknown = np.full(len(columns[present[0].name]), np.nan)
-    return {field.name: columns.get(field.name, unknown) for field in fields}
+    return {f.name: columns.get(f.name, unknown[::EVERY] if f.sampled else unknown) for f in fields}
 
 
 def _read_plain(path: Path, header: list[str], fields: Sequence[Field]) -> dict[str, Array] | None:
@@ -89,22 +96,24 @@ def _read_plain(path: Path, header: list[str], fields: Sequence[Field]) -> dict[
         return None
     kinds, limits = np.full(len(header), -1), np.zeros((len(header), 2))
     whole = [field for field in fields if field.kind is int]
-    decimal = [field for field in fields if field.kind is float]
-    for first, group in ((0, whole), (FIRST_FLOAT, decimal)):
+    decimal = [field for field in fields if field.kind is float and not field.sampled]
+    sampled = [field for field in fields if field.sampled]
+    for first, group in ((0, whole), (FIRST_FLOAT, decimal), (FIRST_SAMPLED, sampled)):
         for place, field in enumerate(group):
             kinds[header.index(field.name)] = first + place
             limits[header.index(field.name)] = field.low, field.high
     arrays = read_plain(path, kinds, limits)
     if arrays is None:
         return None
-    by_name = dict(zip((f.name for f in (*whole, *decimal)), (*arrays[0], *arrays[1]), strict=True))
+    values = (row for array in arrays for row in array)
+    by_name = dict(zip((f.name for f in (*whole, *decimal, *sampled)), values, strict=True))
     return {field.name: by_name[field.name] for field in fields}
 
 
 def _read_general(path: Path, header: list[str], fields: Sequence[Field]) -> dict[str, Array]:
     """The way that knows quotes, exponents and text, and that names what is wrong."""
     try:
-        table = _read(path, header, {f.name: _TYPES[f.kind] for f in fields})
+        table = _read(path, header, {f.name: _type(f) for f in fields})
     except (pa.ArrowInvalid, OSError) as error:
         table = _read_leniently(path, header, fields, error)
     columns = {f.name: _to_numpy(table[f.name], f) for f in fields}
@@ -129,12 +138,14 @@ def _read(path: Path, header: list[str], types: Mapping[str, pa.DataType]) -> pa
 def _read_leniently(path: Path, header: list[str], fields: Sequence[Field], first_error: Exception) -> pa.Table:
     """Whole numbers written as 1.0 are read too; anything else is named and refused."""
     try:
-        return _read(path, header, {f.name: pa.float64() if f.kind is int else _TYPES[f.kind] for f in fields})
+        return _read(path, header, {f.name: pa.float64() if f.kind is int else _type(f) for f in fields})
     except (pa.ArrowInvalid, OSError):
         _raise_first_fault(path, fields, " ".join(str(first_error).split())[:200])
 
 
 def _to_numpy(column: pa.ChunkedArray, field: Field) -> Array:
+    if field.sampled:
+        return np.array([_lenient(text) for text in column[::EVERY].to_pylist()], dtype=np.float64)
     if field.kind is str:
         return pc.utf8_trim_whitespace(column).to_numpy().astype(np.str_)
     values = pc.fill_null(column, np.nan) if pa.types.is_floating(column.type) else column
@@ -143,7 +154,16 @@ def _to_numpy(column: pa.ChunkedArray, field: Field) -> Array:
     return values.to_numpy()
 
 
+def _lenient(text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        return float("nan")
+
+
 def _is_faulty(values: Array, field: Field) -> bool:
+    if field.sampled:
+        return False
     if field.kind is str:
         return not field.may_be_empty and bool(np.any(values == ""))
     if len(values) == 0:
@@ -203,7 +223,7 @@ def _raise_first_fault(path: Path, fields: Sequence[Field], otherwise: str) -> N
     """Read the file again, cell by cell, and name the first fault."""
     lines = _lines(path)
     header = next(lines)[1]
-    places = [(header.index(field.name), field) for field in fields]
+    places = [(header.index(field.name), field) for field in fields if not field.sampled]
     for row, cells in lines:
         if not any(cells):
             continue

@@ -6,10 +6,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from highd_lc.algorithms.track_index import TrackIndex
+from highd_lc.algorithms.track_index import TrackIndex, find_rows
 from highd_lc.io.highd_csv import Field, fault, read_columns
 from highd_lc.io.highd_metas import LARGEST_FRAME, LARGEST_ID, VehicleMetas
+from highd_lc.io.plain_numbers import EVERY
 
+FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 Columns = dict[str, NDArray[np.float64] | IntArray]
 
@@ -27,7 +29,23 @@ FIELDS = (
     Field("precedingId", int, 0, LARGEST_ID),
     Field("followingId", int, 0, LARGEST_ID),
     Field("laneId", int, -1, 1000),
+    *(Field(name, float, optional=True, sampled=True) for name in ("width", "height", "dhw")),
 )
+
+
+@dataclass(frozen=True)
+class Samples:
+    """What a few rows say of columns that serve cross-checks alone, each of shape (n,); NaN = not there.
+
+    vehicle: index; row: place in the ordered rows; length, width [m] (HighD calls them width and height); gap [m]:
+    to the leader, 0 = none.
+    """
+
+    vehicle: IntArray
+    row: IntArray
+    length: FloatArray
+    width: FloatArray
+    gap: FloatArray
 
 
 @dataclass(frozen=True)
@@ -39,6 +57,7 @@ class Rows:
     columns: Columns
     index: TrackIndex
     duplicates: IntArray
+    samples: Samples
 
 
 def read_rows(path: Path, vehicles: VehicleMetas) -> Rows:
@@ -50,6 +69,8 @@ def read_rows(path: Path, vehicles: VehicleMetas) -> Rows:
     columns = read_columns(path, FIELDS)
     if len(columns["id"]) == 0:
         raise fault(path, "no rows")
+    sampled = [columns.pop(field.name) for field in FIELDS if field.sampled]
+    sampled_id, sampled_frame = columns["id"][::EVERY], columns["frame"][::EVERY]
     dropped = np.zeros(len(vehicles.id), dtype=np.int64)
     index = TrackIndex.of(columns["id"], columns["frame"])
     _refuse_strangers(path, columns["id"], index.starts[:-1], vehicles=vehicles)
@@ -60,7 +81,9 @@ def read_rows(path: Path, vehicles: VehicleMetas) -> Rows:
         columns = {name: np.delete(values, doubled) for name, values in columns.items()}
         index = TrackIndex.of(columns["id"], columns["frame"])
     _refuse_absent(path, columns["id"][index.starts[:-1]], vehicles)
-    return Rows(columns, index, dropped)
+    vehicle = np.searchsorted(vehicles.id, sampled_id)
+    places = find_rows(index.starts, index.frame, vehicle, sampled_frame)
+    return Rows(columns, index, dropped, Samples(vehicle, places, *sampled))
 
 
 def _refuse_strangers(path: Path, ids: IntArray, runs: IntArray, *, vehicles: VehicleMetas) -> None:

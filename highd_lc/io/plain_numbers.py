@@ -15,6 +15,8 @@ from highd_lc.io.packed_file import open_bytes, size_of
 
 SKIPPED = -1
 FIRST_FLOAT = 64
+FIRST_SAMPLED = 128
+EVERY = 64
 
 _CHUNK = 1 << 20
 _WORD = 8
@@ -33,23 +35,33 @@ _ONE, _SEVEN, _TOP_BYTE = np.uint64(1), np.uint64(7), np.uint64(56)
 
 def read_plain(
     path: Path, kinds: NDArray[np.int64], limits: NDArray[np.float64]
-) -> tuple[NDArray[np.int64], NDArray[np.float64]] | None:
+) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]] | None:
     """Read whole-number and decimal columns of a file whose first line is the header.
 
-    kinds: for each column of the file -1 = skip, k = k-th whole-number column, 64 + k = k-th decimal column;
-    limits: smallest and largest value of each column, shape (columns, 2). Returns arrays of shape (whole-number
-    columns, rows) and (decimal columns, rows); None if a line is torn, or a cell not plain or out of its limits.
-    A line break inside a skipped cell goes unnoticed.
+    kinds: for each column of the file -1 = skip, k = k-th whole-number column, 64 + k = k-th decimal column,
+    128 + k = k-th sampled column; limits: smallest and largest value of each column, shape (columns, 2). Returns
+    arrays of shape (whole-number columns, rows), (decimal columns, rows), and (sampled columns, rows / EVERY):
+    decimal columns of which the first of every ``EVERY`` rows is read, NaN where it is not plain. None if a line
+    is torn, or a cell of the others not plain or out of its limits. A line break inside a skipped cell goes
+    unnoticed.
     """
     n_integers = int(np.sum((kinds >= 0) & (kinds < FIRST_FLOAT)))
-    n_floats = int(np.sum(kinds >= FIRST_FLOAT))
+    n_floats = int(np.sum((kinds >= FIRST_FLOAT) & (kinds < FIRST_SAMPLED)))
+    sampled_at = np.flatnonzero(kinds >= FIRST_SAMPLED)
+    sampled_at = sampled_at[np.argsort(kinds[sampled_at])]
     # The shortest line: a comma or line feed a column, a digit a column that is read. Pages of an array that
     # nothing is written to take no memory, so the bound may be generous.
     most_rows = size_of(path) // (len(kinds) + n_integers + n_floats) + 1
     integers = np.empty((n_integers, most_rows), dtype=np.int64)
     floats = np.empty((n_floats, most_rows))
-    rows = _read_chunks(path, kinds, limits, integers=integers, floats=floats)
-    return None if rows == _GAVE_UP else (integers[:, :rows], floats[:, :rows])
+    sampled = np.empty((len(sampled_at), most_rows // EVERY + 1))
+    dense = np.where(kinds >= FIRST_SAMPLED, SKIPPED, kinds)
+    rows = _read_chunks(
+        path, dense, limits, integers=integers, floats=floats, sampled=sampled, sampled_at=sampled_at
+    )
+    if rows == _GAVE_UP:
+        return None
+    return integers[:, :rows], floats[:, :rows], sampled[:, : -(-rows // EVERY)]
 
 
 def _read_chunks(
@@ -59,19 +71,23 @@ def _read_chunks(
     *,
     integers: NDArray[np.int64],
     floats: NDArray[np.float64],
+    sampled: NDArray[np.float64],
+    sampled_at: NDArray[np.int64],
 ) -> int:
     """Parse the file chunk by chunk of whole lines. Returns the number of rows, or that it gave up."""
     buffer = np.zeros(_CHUNK + _WORD, dtype=np.uint8)
     words = np.ndarray(shape=_CHUNK + 1, dtype=np.uint64, buffer=buffer, strides=1)
-    runs = _runs(kinds)
+    runs, lines = _runs(kinds), np.empty(_CHUNK // EVERY + 1, dtype=np.int64)
     row = kept = 0
     with open_bytes(path) as file:
         file.readline()
         while got := file.readinto(memoryview(buffer)[kept:_CHUNK]):
             filled = kept + got
-            row, used = _parse(buffer, words, filled, kinds, runs, limits, integers, floats, row, _POWERS)
+            first = -(-row // EVERY)
+            row, used = _parse(buffer, words, filled, kinds, runs, limits, integers, floats, row, _POWERS, lines)
             if used <= 0:
                 return _GAVE_UP
+            _sample(buffer, words, lines[: -(-row // EVERY) - first], sampled_at, sampled[:, first:], _POWERS)
             kept = filled - used
             buffer[:kept] = buffer[used:filled]
     return row if kept == 0 else _GAVE_UP
@@ -134,17 +150,20 @@ def _number(buffer, at, decimal):
 
 
 @njit(cache=True, nogil=True)
-def _parse(buffer, words, filled, kinds, runs, limits, integers, floats, row, powers):
+def _parse(buffer, words, filled, kinds, runs, limits, integers, floats, row, powers, lines):
     """Parse the whole lines of a buffer. Returns the next row and the bytes used, or that it gave up.
 
-    words: the eight bytes from each byte of the buffer on.
+    words: the eight bytes from each byte of the buffer on; lines: where the sampled lines begin, filled in.
     """
     stop = filled
     while stop > 0 and buffer[stop - 1] != _LINE_FEED:
         stop -= 1
     last = len(kinds) - 1
-    at = 0
+    at = n_lines = 0
     while at < stop:
+        if row % EVERY == 0:
+            lines[n_lines] = at
+            n_lines += 1
         column = 0
         while column <= last:
             if runs[column] > 0:
@@ -176,3 +195,18 @@ def _parse(buffer, words, filled, kinds, runs, limits, integers, floats, row, po
             column += 1
         row += 1
     return row, at
+
+
+@njit(cache=True, nogil=True)
+def _sample(buffer, words, lines, columns, sampled, powers):
+    """Parse some columns of some lines, NaN where a cell is not plain. columns: of the file; the last one too."""
+    for place in range(len(lines)):
+        for k in range(len(columns)):
+            at = lines[place]
+            if columns[k] > 0:
+                at = _after_commas(words, at, columns[k], len(buffer))
+            number, decimals, end = _number(buffer, at, True)
+            plain = end != _GAVE_UP and (
+                buffer[end] == _COMMA or buffer[end] == _LINE_FEED or buffer[end] == _RETURN
+            )
+            sampled[k, place] = number / powers[decimals] if plain else np.nan

@@ -15,7 +15,8 @@ def data_page(recordings: pd.DataFrame, crossings: pd.DataFrame, events: pd.Data
     """Quality of the recordings, funnel and distributions of the lane changes."""
     lead = (
         f"{recordings['recording_id'].nunique()} recordings, {int(recordings['n_vehicles'].sum())} vehicles, "
-        f"{len(crossings)} lane-id changes, {len(events)} of them usable.",
+        f"{len(crossings)} lane-id changes, {len(events)} of them usable. The recorded leader ids confirm who is "
+        f"who in {int(events['roles_confirmed'].sum())} of these.",
     )
     return overview_page("data.html", "Data", _data_sections(recordings, crossings, events), lead)
 
@@ -47,6 +48,8 @@ _QUALITY_COLUMNS: Final = (
     Column("mean_acceleration", "Mean acceleration (bias)", "m/s²", 3),
     Column("disagreement_inner", "Speed against position, inside the section", "m/s", 3),
     Column("share_lane_changes", "Lane-id changes agree", "%", 2, 100.0),
+    Column("share_leader_ids", "Leader ids agree", "%", 2, 100.0),
+    Column("share_acceleration", "Acceleration agrees with speed", "%", 2, 100.0),
     Column("failed", "Failed cross-checks"),
 )
 

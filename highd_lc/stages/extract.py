@@ -13,9 +13,10 @@ from highd_lc.algorithms.extraction import Crossing, find_crossings
 from highd_lc.algorithms.lateral_motion import Rule
 from highd_lc.algorithms.neighbours import NOBODY
 from highd_lc.algorithms.track_index import ABSENT, TrackIndex, Traffic
-from highd_lc.io import artefacts, tracks_file
+from highd_lc.io import artefacts, highd, tracks_file
 from highd_lc.io.tracks_file import TrackArrays
 from highd_lc.vocab import names
+from highd_lc.vocab.errors import InputError
 from highd_lc.vocab.job import Job, JobReport
 from highd_lc.vocab.settings import ExtractSettings
 from highd_lc.vocab.tables import TABLES
@@ -24,6 +25,8 @@ IntArray = NDArray[np.int64]
 FloatArray = NDArray[np.float64]
 
 STAGE = "extract"
+# Below this share of events whose roles the recorded leader ids confirm, the ids are wrong, not the geometry.
+_LEAST_CONFIRMED, _FEWEST_EVENTS = 0.1, 5
 _OF_VEHICLES = ["vehicle_id", "driving_direction", "class", "length"]
 _OF_CARRIAGEWAYS = ["driving_direction", "frame_rate", "markings", "entry_m", "exit_m"]
 
@@ -39,7 +42,10 @@ class _Recording:
 
 
 def run(job: Job) -> JobReport:
-    """Read the recording's tracks and write the parts ``crossings``, ``events`` and ``event_tracks``."""
+    """Read the recording's tracks and write the parts ``crossings``, ``events`` and ``event_tracks``.
+
+    Raises InputError, before anything is written, if the recorded leader ids confirm nearly no event's roles.
+    """
     recording, settings = _load(job), job.settings.extract
     crossings = find_crossings(
         recording.traffic,
@@ -48,11 +54,22 @@ def run(job: Job) -> JobReport:
         max_followers=settings.max_followers,
     )
     events = [crossing for crossing in crossings if not crossing.reason]
+    confirmed = sum(event.roles.confirmed for event in events)
+    _refuse_unconfirmed(job, confirmed, len(events))
     artefacts.write_part(job, STAGE, "crossings", _table("crossings", _crossing_rows(recording, crossings)))
     artefacts.write_part(job, STAGE, "events", _table("events", _event_rows(recording, events)))
     rows = _write_event_tracks(job, recording, events)
     reasons = Counter(crossing.reason for crossing in crossings if crossing.reason)
-    return JobReport({"crossings": len(crossings), "events": len(events), "event_rows": rows, **reasons})
+    counts = {"crossings": len(crossings), "events": len(events), "roles_confirmed": confirmed}
+    return JobReport({**counts, "event_rows": rows, **reasons})
+
+
+def _refuse_unconfirmed(job: Job, confirmed: int, n_events: int) -> None:
+    """Ingest compares every vehicle's ids; those of the few around a lane change may be wrong all the same."""
+    if n_events >= _FEWEST_EVENTS and confirmed < _LEAST_CONFIRMED * n_events:
+        path, wrong = highd.input_files(job.data, job.recording)[2], n_events - confirmed
+        text = f"names others than the vehicles ahead in {wrong} of {n_events} lane changes"
+        raise InputError(f"{path}: column 'precedingId': {text}")
 
 
 def _load(job: Job) -> _Recording:

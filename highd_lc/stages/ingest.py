@@ -17,50 +17,32 @@ from highd_lc.algorithms.data_quality import (
 )
 from highd_lc.io import artefacts, tracks_file
 from highd_lc.io.highd import Recording, read_recording
+from highd_lc.stages.cross_checks import Verdict, files_by_kind, findings, verdicts
 from highd_lc.vocab import names
+from highd_lc.vocab.cross_checks import CROSS_CHECKS
+from highd_lc.vocab.errors import InputError
 from highd_lc.vocab.job import Job, JobReport, Problem
 
 IntArray = NDArray[np.int64]
-BoolArray = NDArray[np.bool_]
 
 STAGE = "ingest"
-# Tolerances of the cross-checks against the metas, which are rounded to 0.01 and computed from values before
-# rounding: a gap is the difference of four rounded numbers. From where to where a distance is travelled the metas
-# do not say: half a vehicle in view at either end is let pass.
-_GAP_TOLERANCE_M = 0.05
-_TIME_GAP_TOLERANCE = 0.03
-_TRAVELLED_TOLERANCE_M = 10.0
-# Contradictions in columns that nothing else reads are told and no more; all others end the run with exit code 4.
-_TOLD_ONLY = ("min_gap", "min_time_gap", "travelled")
-# Share of vehicles that may disagree; one always may where it is above 0. HighD itself has 0.0002 for lane changes
-# (HIGHD.md); smallest gaps hang on a single row. A number of rows other than the metas' means a torn file.
-_SHARE_LET_PASS = {
-    "n_frames": 0.0,
-    "lane_changes": 0.001,
-    "min_gap": 0.05,
-    "min_time_gap": 0.05,
-    "travelled": 0.01,
-}
-# What columns of the tracks may contradict each other: lane ids and y, positions and speeds. Swapped columns or a
-# wrong frame rate exceed this by far; HighD's rounding and its section ends do not reach it.
-_LARGEST_LANE_MISMATCH = 0.02
-_LARGEST_DISAGREEMENT_MPS = 1.0
 
 
 def run(job: Job) -> JobReport:
     """Read the recording's CSVs and write its tracks and the parts ``vehicles`` and ``recordings``.
 
-    Raises InputError, before anything is written, naming file, column and row of the first fault. A failed
-    cross-check against the metas is a problem in the report.
+    Raises InputError, before anything is written, naming file, column and row of the first fault, or the columns
+    that contradict each other in nearly all vehicles of a direction. Where some do it is a problem in the report.
     """
     recording = read_recording(job.data, job.recording)
-    quality = _quality(recording, job)
+    quality, failed = _quality(recording, job)
+    _refuse(failed)
     if job.settings.ingest.remove_bias:
         recording = _without_bias(recording, quality)
     rows = tracks_file.write(job.work, recording, job.provenance)
     vehicles = artefacts.write_part(job, STAGE, "vehicles", _vehicles(recording))
     artefacts.write_part(job, STAGE, "recordings", quality)
-    return JobReport({"rows": rows, "vehicles": vehicles}, tuple(_problems(job.recording, quality)))
+    return JobReport({"rows": rows, "vehicles": vehicles}, tuple(_problems(job.recording, failed)))
 
 
 def _vehicles(recording: Recording) -> pd.DataFrame:
@@ -87,22 +69,21 @@ def _without_bias(recording: Recording, quality: pd.DataFrame) -> Recording:
     return replace(recording, road=replace(recording.road, tracks=replace(tracks, ax=ax)))
 
 
-def _problems(recording: int, quality: pd.DataFrame) -> list[Problem]:
-    return [
-        Problem(
-            recording,
-            STAGE,
-            f"recording {recording:02d}, direction {row.driving_direction}: the files contradict themselves: "
-            f"{', '.join(row.failed_checks)}",
-            warning=all(check.split(" ")[0] in _TOLD_ONLY for check in row.failed_checks),
-        )
-        for row in quality.itertuples()
-        if row.failed_checks
-    ]
+def _refuse(failed: list[Verdict]) -> None:
+    """Raise the first contradictions of a recording that are errors, the most telling first."""
+    errors = [verdict for verdict in failed if verdict.is_error]
+    if errors:
+        errors.sort(key=lambda verdict: list(CROSS_CHECKS).index(verdict.check.name))
+        more = f" (and {len(errors) - 1} more contradictions)" if len(errors) > 1 else ""
+        raise InputError(f"{errors[0].text}{more}")
 
 
-def _quality(recording: Recording, job: Job) -> pd.DataFrame:
-    """The table ``recordings``: a row for each direction that has vehicles."""
+def _problems(recording: int, failed: list[Verdict]) -> list[Problem]:
+    return [Problem(recording, STAGE, verdict.text, warning=not verdict.check.listed) for verdict in failed]
+
+
+def _quality(recording: Recording, job: Job) -> tuple[pd.DataFrame, list[Verdict]]:
+    """The table ``recordings``: a row for each direction that has vehicles; and the cross-checks that failed."""
     settings = job.settings.ingest
     tracks, metas = recording.road.tracks, recording.vehicles
     facts = vehicle_facts(
@@ -114,21 +95,23 @@ def _quality(recording: Recording, job: Job) -> pd.DataFrame:
         ids=metas.id,
         length=metas.length,
     )
-    agreement = _agreement(recording, facts)
-    rows = []
-    for direction in np.unique(metas.direction):
+    found, files = findings(recording, facts), files_by_kind(job.data, job.recording)
+    rows: list[dict[str, object]] = []
+    failed: list[Verdict] = []
+    for direction in np.unique(metas.direction).tolist():
         own = np.flatnonzero(metas.direction == direction)
+        failed += (own_failed := verdicts(found, own, direction=direction, files=files))
         rows.append(
             {
-                **_road(recording, int(direction)),
-                **(counts := _counts(recording, facts, own)),
-                **(motion := _motion(recording, own, trim=settings.trim_ends_m)),
-                **_shares(agreement, own),
+                **_road(recording, direction),
+                **_counts(recording, facts, own),
+                **_motion(recording, own, trim=settings.trim_ends_m),
+                **{f"share_{name}": finding.share(own) for name, finding in found.items()},
                 "bias_removed": settings.remove_bias,
-                "failed_checks": [*_failed_metas(agreement, own), *_failed_columns({**counts, **motion})],
+                "failed_checks": [verdict.short for verdict in own_failed],
             }
         )
-    return pd.DataFrame(rows)
+    return pd.DataFrame(rows), failed
 
 
 def _road(recording: Recording, direction: int) -> dict[str, object]:
@@ -175,55 +158,3 @@ def _motion(recording: Recording, own: IntArray, *, trim: float) -> dict[str, ob
         "disagreement_exit": found.size[EXIT],
         "disagreement_profile": found.profile,
     }
-
-
-def _agreement(recording: Recording, facts: VehicleFacts) -> dict[str, tuple[BoolArray, BoolArray]]:
-    """For each cross-check: which vehicles have it, and which of them agree with the metas."""
-    metas = recording.vehicles
-    everyone = np.ones(len(metas.id), dtype=bool)
-    gap_known = (metas.min_gap > 0) & np.isfinite(facts.min_gap)
-    time_gap_known = (metas.min_time_gap > 0) & np.isfinite(facts.min_time_gap)
-    time_gap_tolerance = _TIME_GAP_TOLERANCE * np.maximum(1.0, metas.min_time_gap)
-    n_rows = recording.road.tracks.index.counts + recording.duplicates
-    return {
-        "n_frames": (everyone, n_rows == metas.n_frames),
-        "lane_changes": (everyone, facts.lane_changes == metas.n_lane_changes),
-        "min_gap": (gap_known, np.abs(facts.min_gap - metas.min_gap) <= _GAP_TOLERANCE_M),
-        "min_time_gap": (
-            time_gap_known,
-            np.abs(facts.min_time_gap - metas.min_time_gap) <= time_gap_tolerance,
-        ),
-        "travelled": (
-            np.isfinite(metas.travelled),
-            np.abs(facts.travelled - metas.travelled) <= _TRAVELLED_TOLERANCE_M,
-        ),
-    }
-
-
-def _shares(agreement: dict[str, tuple[BoolArray, BoolArray]], own: IntArray) -> dict[str, float]:
-    """Share of the vehicles that have a check and agree, NaN if none has it."""
-    return {
-        f"share_{name}": float(equal[own][known[own]].mean()) if known[own].any() else float("nan")
-        for name, (known, equal) in agreement.items()
-    }
-
-
-def _failed_metas(agreement: dict[str, tuple[BoolArray, BoolArray]], own: IntArray) -> list[str]:
-    """Checks against the metas in which more vehicles disagree than are let pass."""
-    failed = []
-    for name, (known, equal) in agreement.items():
-        total, wrong = int(known[own].sum()), int((known & ~equal)[own].sum())
-        share = _SHARE_LET_PASS[name]
-        if wrong > max(1 if share else 0, share * total):
-            failed.append(f"{name} ({wrong} of {total} vehicles)")
-    return failed
-
-
-def _failed_columns(quality: dict[str, object]) -> list[str]:
-    """Columns of the tracks that contradict each other."""
-    failed = []
-    if quality["share_lane_mismatch"] > _LARGEST_LANE_MISMATCH:
-        failed.append(f"lane ids ({quality['share_lane_mismatch']:.1%} of the rows are not where y says)")
-    if quality["disagreement_inner"] > _LARGEST_DISAGREEMENT_MPS:
-        failed.append(f"speeds ({quality['disagreement_inner']:.1f} m/s from what the positions say)")
-    return failed

@@ -8,6 +8,7 @@ from highd_lc.vocab.columns import count as _count
 from highd_lc.vocab.columns import number as _number
 from highd_lc.vocab.columns import single as _single
 from highd_lc.vocab.columns import word as _word
+from highd_lc.vocab.cross_checks import CROSS_CHECKS
 from highd_lc.vocab.fit_tables import FIT_TABLES
 from highd_lc.vocab.lcm_parameters import PARAMETERS, UNITS
 from highd_lc.vocab.scenario_tables import SCENARIO_TABLES
@@ -88,10 +89,10 @@ RECORDINGS = Table(
         _number("disagreement_exit", "mean |dx/dt - vx| in the last trimmed metres", "m/s", minimum=0),
         Column("disagreement_profile", "list<float64>", "mean dx/dt - vx in bins of 10 m from entry_m [m/s]"),
         *(
-            _number(f"share_{name}", f"share of vehicles whose {name} agrees with the metas", minimum=0)
-            for name in ("n_frames", "lane_changes", "min_gap", "min_time_gap", "travelled")
+            _number(f"share_{c.name}", f"share of vehicles whose {c.column} agrees with: {c.against}", minimum=0)
+            for c in CROSS_CHECKS.values()
         ),
-        Column("failed_checks", "list<string>", "cross-checks against the metas that failed"),
+        Column("failed_checks", "list<string>", "cross-checks that more vehicles fail than are let pass"),
     ),
 )
 

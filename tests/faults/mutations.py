@@ -1,13 +1,14 @@
 """Recordings with one fault each, made from the small fixtures: what a reader may meet and must not believe."""
 
+import gzip
 import random
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from faulty_runs import FIXTURES
 
-Files = dict[str, bytes]
-"""Content by name; a recording is 01_recordingMeta.csv, 01_tracksMeta.csv and 01_tracks.csv."""
+Files = dict[str, bytes | None]
+"""Content by name, None = no such file; a recording is 01_recordingMeta.csv, 01_tracksMeta.csv, 01_tracks.csv."""
 
 META, VEHICLES, TRACKS = "01_recordingMeta.csv", "01_tracksMeta.csv", "01_tracks.csv"
 KINDS = (META, VEHICLES, TRACKS)
@@ -23,8 +24,12 @@ _READ = {
 def small_recording(vehicles: int = 12) -> Files:
     """The first vehicles of the first fixture, their neighbours among them only."""
     rows = {name: (FIXTURES / name).read_bytes().splitlines() for name in KINDS}
-    place = rows[TRACKS][0].split(b",").index(b"id")
-    kept = [row.split(b",") for row in rows[TRACKS][1:] if int(row.split(b",")[place]) <= vehicles]
+    names = rows[TRACKS][0].decode().split(",")
+    kept = [row.split(b",") for row in rows[TRACKS][1:] if int(row.split(b",")[names.index("id")]) <= vehicles]
+    neighbours = [place for place, name in enumerate(names) if name.endswith(("ingId", "sideId"))]
+    for cells in kept:
+        for place in neighbours:
+            cells[place] = cells[place] if int(cells[place]) <= vehicles else b"0"
     metas = [row for row in rows[VEHICLES][1:] if int(row.split(b",")[0]) <= vehicles]
     tables = {
         META: rows[META],
@@ -34,10 +39,43 @@ def small_recording(vehicles: int = 12) -> Files:
     return {name: b"\n".join(lines) + b"\n" for name, lines in tables.items()}
 
 
+REFUSED, TOLD, SAME = "refused", "told", "same"
+"""What has to come of a fault: an error that names a file; a problem that is told or rows that are counted; or
+what the good recording says.
+"""
+
+# Faults that are no reason to refuse a recording; all others are one.
+_WAYS = ("CRLF", "BOM", "quoted", "spaces", "no last line feed")
+_SAME = (
+    *(f"encodings: {name} {way}" for name in KINDS for way in _WAYS),
+    *(f"encodings: {name} CR" for name in (META, VEHICLES)),
+    *(f"rows: {way}" for way in ("shuffled", "time goes back", "blank lines")),
+    *(f"formats: {way}" for way in ("packed", "tracks packed", "upper-case suffixes")),
+    *(f"formats: no lower carriageway: {way}" for way in ("empty", "a semicolon", "nan")),
+)  # fmt: skip
+# A place that a vehicle cannot be in for a frame breaks its track; a lane that is none is counted.
+_TOLD = (
+    "rows: a row twice", "rows: every third row missing", f"cells: {TRACKS} x = '1e-320'",
+    f"cells: {TRACKS} x = '-0.0000001'", "conventions: laneId 12", "conventions: laneId -1",
+)  # fmt: skip
+
+
+def expected(name: str, files: Files) -> str:
+    """What has to come of a fault of that name."""
+    if name in _TOLD or name.startswith("broken:"):
+        return TOLD
+    # Cut is only the last line feed, or a 0 behind a decimal point too.
+    whole = name.startswith("truncated:") and all(
+        (files[kind] or b"").rstrip(cut) == content.rstrip(cut)
+        for (kind, content), cut in zip(small_recording().items(), (b"\n0", b"\n", b"\n"), strict=True)
+    )
+    return SAME if whole or name in _SAME or name.startswith("texts: weekDay") else REFUSED
+
+
 def mutated() -> Iterator[tuple[str, Files]]:
     """Every fault by its name, applied to the small recording."""
     good = small_recording()
-    for family in (_missing, _truncated, _cells, _columns, _rows, _encodings, _texts, _conventions):
+    for family in (_missing, _truncated, _cells, _columns, _rows, _encodings, _texts, _conventions, _formats):
         for name, change in family(good):
             yield f"{family.__name__[1:]}: {name}", good | change
 
@@ -142,7 +180,7 @@ def _encodings(good: Files) -> Iterator[tuple[str, Files]]:
         "spaces": lambda c: c.replace(b",", b", "),
         "no last line feed": lambda c: c.rstrip(b"\n"),
         "EBCDIC": lambda c: c.decode().encode("cp500"),
-        "gzip": lambda c: __import__("gzip").compress(c, mtime=0),
+        "gzip": lambda c: gzip.compress(c, mtime=0),
     }  # fmt: skip
     for name in KINDS:
         for way, change in ways.items():
@@ -177,6 +215,24 @@ def _conventions(good: Files) -> Iterator[tuple[str, Files]]:
     yield "direction of everybody turned", {VEHICLES: _turned(good[VEHICLES])}
 
 
+def _formats(good: Files) -> Iterator[tuple[str, Files]]:
+    """What people have on their disks."""
+    packed = {f"{name}.gz": gzip.compress(content, mtime=0) for name, content in good.items()}
+    yield "packed", packed | dict.fromkeys(good)
+    yield "tracks packed", {TRACKS: None, f"{TRACKS}.gz": packed[f"{TRACKS}.gz"]}
+    yield "upper-case suffixes", {n.replace(".csv", ".CSV"): c for n, c in good.items()} | dict.fromkeys(good)
+    yield "torn pack", {TRACKS: None, f"{TRACKS}.gz": packed[f"{TRACKS}.gz"][:4000]}
+    for name in (VEHICLES, TRACKS):
+        excel = good[name].replace(b",", b";")
+        yield f"{name} semicolons", {name: excel}
+        yield f"{name} semicolons and decimal commas", {name: excel.replace(b".", b",")}
+        yield f"{name} tabs and decimal commas", {name: excel.replace(b".", b",").replace(b";", b"\t")}
+    for way, text in (("empty", ""), ("a semicolon", ";"), ("nan", "nan")):
+        table = [line.split(b",") for line in good[META].splitlines()]
+        table[1][table[0].index(b"lowerLaneMarkings")] = text.encode()
+        yield f"no lower carriageway: {way}", {META: b"\n".join(map(b",".join, table)) + b"\n"}
+
+
 def _turned(content: bytes) -> bytes:
     table = [line.split(b",") for line in content.splitlines()]
     place = table[0].index(b"drivingDirection")
@@ -189,5 +245,6 @@ def write(folder: Path, files: Files) -> Path:
     """Write a recording into a folder that is made for it."""
     folder.mkdir(parents=True, exist_ok=True)
     for name, content in files.items():
-        (folder / name).write_bytes(content)
+        if content is not None:
+            (folder / name).write_bytes(content)
     return folder

@@ -38,6 +38,7 @@ def _events(ids: list[str], rng: np.random.Generator) -> pd.DataFrame:
         "duration_s": rng.uniform(3, 9, n), "follower_ids": [[1, 2, 3][: 1 + k % 3] for k in range(n)],
         "lateral_shift_m": rng.normal(3.6, 0.2, n), "peak_lateral_speed_mps": rng.uniform(0.6, 1.6, n),
         "gap_ahead_m": rng.uniform(5, 90, n), "gap_behind_m": rng.uniform(5, 90, n), "location_id": 1,
+        "roles_confirmed": True,
     })  # fmt: skip
 
 
@@ -163,7 +164,8 @@ def recordings() -> pd.DataFrame:
         {
             "recording_id": r, "driving_direction": d, "n_vehicles": 100, "n_trucks": 20, "frame_rate": 25.0,
             "n_holes": 0, "share_outside": 0.001, "mean_acceleration": 0.02, "disagreement_inner": 0.1,
-            "share_lane_changes": 1.0, "failed_checks": ["travelled"] if (r, d) == (2, 1) else [],
+            "share_lane_changes": 1.0, "share_leader_ids": 0.98, "share_acceleration": 1.0,
+            "failed_checks": ["travelled"] if (r, d) == (2, 1) else [],
             "entry_m": 0.0, "exit_m": 420.0, "disagreement_profile": [0.1 * d, 0.0, -0.05], "location_id": 1,
             "mean_speed_change": 0.01, "disagreement_entry": 0.3, "disagreement_exit": 0.4,
         }
