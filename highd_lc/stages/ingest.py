@@ -17,6 +17,7 @@ from highd_lc.algorithms.data_quality import (
 )
 from highd_lc.io import artefacts, tracks_file
 from highd_lc.io.highd import Recording, read_recording
+from highd_lc.io.highd_parts import Parts, split_tracks
 from highd_lc.vocab import names
 from highd_lc.vocab.job import Job, JobReport, Problem
 
@@ -45,25 +46,40 @@ _SHARE_LET_PASS = {
 # wrong frame rate exceed this by far; HighD's rounding and its section ends do not reach it.
 _LARGEST_LANE_MISMATCH = 0.02
 _LARGEST_DISAGREEMENT_MPS = 1.0
+# Share of vehicles whose tracks may be broken before it is more than a tracker's usual losses.
+_LARGEST_SHARE_BROKEN = 0.05
 
 
 def run(job: Job) -> JobReport:
     """Read the recording's CSVs and write its tracks and the parts ``vehicles`` and ``recordings``.
 
-    Raises InputError, before anything is written, naming file, column and row of the first fault. A failed
+    Checks are of the file as it is; the tracks written are unbroken (see ``io.highd_parts``). Raises InputError, before anything is written, naming file, column and row of the first fault. A failed
     cross-check against the metas is a problem in the report.
     """
     recording = read_recording(job.data, job.recording)
     quality = _quality(recording, job)
     if job.settings.ingest.remove_bias:
         recording = _without_bias(recording, quality)
-    rows = tracks_file.write(job.work, recording, job.provenance)
-    vehicles = artefacts.write_part(job, STAGE, "vehicles", _vehicles(recording))
+    parts = split_tracks(recording)
+    rows = tracks_file.write(job.work, parts.recording, job.provenance)
+    vehicles = artefacts.write_part(job, STAGE, "vehicles", _vehicles(parts))
+    quality["n_jumps"] = [parts.jumps(direction) for direction in quality["driving_direction"]]
     artefacts.write_part(job, STAGE, "recordings", quality)
-    return JobReport({"rows": rows, "vehicles": vehicles}, tuple(_problems(job.recording, quality)))
+    problems = (*_problems(job.recording, quality), *_broken(parts))
+    return JobReport({"rows": rows, "vehicles": vehicles}, problems)
 
 
-def _vehicles(recording: Recording) -> pd.DataFrame:
+def _broken(parts: Parts) -> list[Problem]:
+    """What is told of the tracks that were split; no warning any more if they are many."""
+    broken, everybody = len({one.vehicle_id for one in parts.breaks}), len(np.unique(parts.recorded_id))
+    few = broken <= max(1, _LARGEST_SHARE_BROKEN * everybody)
+    of_all = "" if few else f"; {broken} of {everybody} vehicles"
+    text = parts.in_words()
+    return [Problem(parts.recording.number, STAGE, text + of_all, warning=few)] if text else []
+
+
+def _vehicles(parts: Parts) -> pd.DataFrame:
+    recording = parts.recording
     metas, index = recording.vehicles, recording.road.tracks.index
     return pd.DataFrame(
         {
@@ -75,6 +91,7 @@ def _vehicles(recording: Recording) -> pd.DataFrame:
             "width": metas.width,
             "first_frame": index.frame[index.starts[:-1]],
             "last_frame": index.frame[index.starts[1:] - 1],
+            "recorded_id": parts.recorded_id,
         }
     )
 
@@ -184,9 +201,13 @@ def _agreement(recording: Recording, facts: VehicleFacts) -> dict[str, tuple[Boo
     gap_known = (metas.min_gap > 0) & np.isfinite(facts.min_gap)
     time_gap_known = (metas.min_time_gap > 0) & np.isfinite(facts.min_time_gap)
     time_gap_tolerance = _TIME_GAP_TOLERANCE * np.maximum(1.0, metas.min_time_gap)
-    n_rows = recording.road.tracks.index.counts + recording.duplicates
+    index = recording.road.tracks.index
+    n_rows = index.counts + recording.duplicates
+    # Whether a count of frames holds those in a hole is each tracker's own way: both are let pass.
+    spanned = index.frame[index.starts[1:] - 1] - index.frame[index.starts[:-1]] + 1
+    n_frames = (n_rows == metas.n_frames) | ((facts.holes > 0) & (spanned == metas.n_frames))
     return {
-        "n_frames": (everyone, n_rows == metas.n_frames),
+        "n_frames": (everyone, n_frames),
         "lane_changes": (everyone, facts.lane_changes == metas.n_lane_changes),
         "min_gap": (gap_known, np.abs(facts.min_gap - metas.min_gap) <= _GAP_TOLERANCE_M),
         "min_time_gap": (
