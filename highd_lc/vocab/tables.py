@@ -251,7 +251,10 @@ PLANS = Table(
         _word("gap", "recorded, behind a follower that passes, ahead of the target leader; empty = infeasible"),
         _word("status", "outcome of the planner", names.PLAN_STATUSES),
         Column(
-            "at_bound", "list<string>", "T or delay_s on a bound of the search; constraints with no margin left"
+            "at_bound",
+            "list<string>",
+            "T or delay_s on a bound of the search; T of a reference that lasts longer than H and is cut there; "
+            "constraints with no margin left",
         ),
         Column("rejected_by", "map<string,int64>", "candidates that each constraint rejected"),
         Column("candidates", "int64", "candidates looked at", minimum=0),
