@@ -89,10 +89,11 @@ def calibration_rows(traffic: Traffic, follower: int, leader: int, *, lane: int,
     if leader == NOBODY:
         return slice(0, 0)
     direction = traffic.direction[follower]
-    unbroken_from = [traffic.index.frame[traffic.index.run(who, before_frame)][:1] for who in (follower, leader)]
+    runs = [traffic.index.frame[traffic.index.run(who, before_frame)] for who in (follower, leader)]
+    unbroken_from = max((int(run[0]) for run in runs if len(run)), default=0)
     span = traffic.index.span(follower)
     follows = (traffic.lane[span] == lane) & (traffic.leader_id[span] == traffic.ids[leader])
-    follows &= traffic.index.frame[span] >= max((int(first[0]) for first in unbroken_from if len(first)), default=0)
+    follows &= traffic.index.frame[span] >= unbroken_from
     first, stop = _longest_run(
         traffic.index.starts,
         traffic.index.frame,

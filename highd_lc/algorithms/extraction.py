@@ -34,8 +34,8 @@ class Crossing:
 def with_known_lanes(traffic: Traffic, longest_s: float) -> Traffic:
     """The traffic with lanes in the place of 0 where a vehicle is between the markings for all that.
 
-    Such a row is a tracker's slip if it lasts no longer than ``longest_s`` [s] between rows with lanes: the lateral
-    position says on which of the two lanes around it the vehicle is. Any other 0 stays.
+    Such rows are a tracker's slip if they last no longer than ``longest_s`` [s] between rows with lanes: the
+    lateral position says on which of the two lanes around them the vehicle is. Any other 0 stays.
     """
     off = np.flatnonzero(traffic.lane == 0)
     runs = np.split(off, 1 + np.flatnonzero(np.diff(off) > 1)) if len(off) else []

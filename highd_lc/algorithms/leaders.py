@@ -24,9 +24,9 @@ def successors(
 ) -> tuple[Successor, ...]:
     """Who leads the lane after ``leader``, who leads it in ``frame``, in the order of time.
 
-    The vehicle that leads when one has left is the next one ahead of it on the lane that is in view at that moment,
-    else nobody, for good. Who moves in between a leader and those behind it is not looked for: it was not on the
-    lane when the event began. ego: vehicle that is nobody's leader; flicker_s: see ``left_at``.
+    The vehicle that leads when one has left is the next one ahead of it on the lane that is in view at that
+    moment, else nobody, for good. Who moves in between a leader and those behind it is not looked for: it was not
+    on the lane when the event began. ego: vehicle that is nobody's leader; flicker_s: see ``left_at``.
     """
     found: list[Successor] = []
     while leader != NOBODY:

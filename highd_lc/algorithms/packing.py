@@ -26,12 +26,13 @@ class PackedScene(NamedTuple):
     """Arrays of one scene. N + 1 samples, m leaders, p followers; lengths in m, speeds in m/s.
 
     v0, D, length, rear_to_centre, a, b: of the AV (a, b: semi-axes). target_front, target_v, target_length: front,
-    speed and length of who leads the target lane, infinite, 0 and 0 without one; a later leader's front is its rear
-    plus the first one's length, so that gaps are right and L, which belongs to that length, stays right. leader_x,
-    leader_y (m, N + 1), leader_a, leader_b (m,): the target leader is the last. follower_* (p,), parameters (p, 6), first_L: L of the first follower while it is behind the
-    target leader. origin_follower: x, y, v, length, a, b, or empty. av_parameters (6,). weights (p,).
-    from_crossing: whether the first follower follows the AV only from the crossing. after_lcm: the AV's drive
-    after T. counts_handover: whether the step of the AV's command onto that drive, from 0, is charged.
+    speed and length of who leads the target lane, infinite, 0 and 0 without one; a later leader's front is its
+    rear plus the first one's length, so that gaps are right and L, which belongs to that length, stays right.
+    leader_x, leader_y (m, N + 1), leader_a, leader_b (m,): the target leader is the last. follower_* (p,),
+    parameters (p, 6), first_L: L of the first follower while it is behind the target leader. origin_follower: x,
+    y, v, length, a, b, or empty. av_parameters (6,). weights (p,). from_crossing: whether the first follower
+    follows the AV only from the crossing. after_lcm: the AV's drive after T. counts_handover: whether the step of
+    the AV's command onto that drive, from 0, is charged.
     """
 
     v0: float

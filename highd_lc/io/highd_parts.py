@@ -1,8 +1,8 @@
-"""One vehicle an unbroken track: an id that has holes or jumps is split, so that nothing is filled in across them.
+"""One vehicle an unbroken track: ids that have holes or jumps are split, so that nothing is filled in across them.
 
-A tracker that loses a vehicle, mixes up two, or gives an id again later leaves rows that belong to several vehicles
-or to one that nobody saw in between. From each break on the rows are a vehicle of their own, with an id above all
-ids of the recording; neighbour ids follow.
+A tracker that loses a vehicle, mixes up two, or gives an id again later leaves rows that belong to several
+vehicles or to one that nobody saw in between. From each break on the rows are a vehicle of their own, with an id
+above all ids of the recording; neighbour ids follow.
 """
 
 from dataclasses import dataclass, replace
@@ -57,7 +57,8 @@ class Parts:
             return ""
         listed = "; ".join(one.in_words() for one in self.breaks[:_LISTED])
         more = f"; and {len(self.breaks) - _LISTED} more" if len(self.breaks) > _LISTED else ""
-        return f"recording {self.recording.number:02d}: tracks are split where frames are missing or a position jumps: {listed}{more}"
+        why = "tracks are split where frames are missing or a position jumps"
+        return f"recording {self.recording.number:02d}: {why}: {listed}{more}"
 
 
 def split_tracks(recording: Recording) -> Parts:
@@ -99,7 +100,7 @@ def _with_parts(metas: VehicleMetas, owner: IntArray, new_ids: IntArray) -> Vehi
 
 
 def _moved(tracks: Tracks, metas: VehicleMetas, places: IntArray, new_ids: IntArray) -> Tracks:
-    """The tracks with the later parts after all others, in the order of their ids, and with neighbours' new ids."""
+    """The tracks with the later parts after all others, in the order of their ids; neighbours with new ids."""
     index, rows = tracks.index, len(tracks.index.frame)
     part = np.searchsorted(places, np.arange(rows), side="right") - 1
     vehicle = np.repeat(np.arange(len(metas.id)), index.counts)

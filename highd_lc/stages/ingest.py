@@ -53,8 +53,9 @@ _LARGEST_SHARE_BROKEN = 0.05
 def run(job: Job) -> JobReport:
     """Read the recording's CSVs and write its tracks and the parts ``vehicles`` and ``recordings``.
 
-    Checks are of the file as it is; the tracks written are unbroken (see ``io.highd_parts``). Raises InputError, before anything is written, naming file, column and row of the first fault. A failed
-    cross-check against the metas is a problem in the report.
+    Checks are of the file as it is; the tracks written are unbroken (see ``io.highd_parts``). Raises InputError,
+    before anything is written, naming file, column and row of the first fault. A failed cross-check against the
+    metas is a problem in the report.
     """
     recording = read_recording(job.data, job.recording)
     quality = _quality(recording, job)

@@ -184,7 +184,7 @@ EVENT_TRACKS = Table(
         _RECORDING,
         _word(
             "role",
-            "ego, origin_leader, origin_follower, target_leader, target_follower_1 .. p; target_leader_2, .. : who "
+            "ego, origin_leader, origin_follower, target_leader, target_follower_1 .. p; target_leader_2, ..: who "
             "leads the target lane after the target leader left it (events.leader_changes_s)",
         ),
         _VEHICLE,

@@ -100,7 +100,8 @@ def test_rows_of_a_role_end_at_a_hole(event, role, hole, seen):
     frames = window_frames(torn, parts[role].rows)
     assert frames == list(range(frames[0], frames[-1] + 1))
     assert 30 in frames
-    assert seen[0] <= frames[0] and frames[-1] == min(seen[1], 90)
+    assert seen[0] <= frames[0]
+    assert frames[-1] == min(seen[1], 90)
     for part in parts.values():
         window = window_frames(torn, part.calibration)
         assert set(window) <= set(window_frames(torn, part.rows))

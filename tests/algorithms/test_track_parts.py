@@ -27,7 +27,9 @@ def test_missing_frames_break_a_track_where_it_goes_on(missing):
 
 
 @pytest.mark.parametrize("rate", [5.0, 10.0, 25.0, 30.0])
-@pytest.mark.parametrize(("dx", "dy"), [(4.0, 0.0), (-4.0, 0.0), (-400.0, 0.0), (0.0, 3.2), (0.0, -3.2), (60.0, 7.5)])
+@pytest.mark.parametrize(
+    ("dx", "dy"), [(4.0, 0.0), (-4.0, 0.0), (-400.0, 0.0), (0.0, 3.2), (0.0, -3.2), (60.0, 7.5)]
+)
 def test_a_vehicle_that_is_suddenly_elsewhere_breaks_its_track(rate, dx, dy):
     frame, x, y = track(rate)
     x[150:] += dx

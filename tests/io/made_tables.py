@@ -10,7 +10,8 @@ RATE, DURATION, SHIFT = 25.0, 6.0, 3.5
 EVENT = "01-0001-00100"
 LENGTH = {1: 4.5, 2: 4.0, 3: 5.0, 4: 4.6, 5: 15.0, 6: 4.2}
 VEHICLE_OF = {
-    "ego": 1, "origin_leader": 2, "target_leader": 3, "target_follower_1": 4, "target_leader_2": 5, "target_leader_3": 6,
+    "ego": 1, "origin_leader": 2, "target_leader": 3, "target_follower_1": 4,
+    "target_leader_2": 5, "target_leader_3": 6,
 }  # fmt: skip
 PLACE = {
     "ego": (0.0, 0.0), "origin_leader": (60.0, 0.0), "target_leader": (40.0, SHIFT),
@@ -52,7 +53,8 @@ def tables(tracks, *, changes=(), later=()):
     """Scene tables of the event. tracks: rows by role; changes, later: of ``events``."""
     event = {
         "event_id": EVENT, "ego_id": 1, "frame_rate": RATE, "duration_s": DURATION, "lateral_shift_m": SHIFT,
-        "start_frame": 100, "crossing_frame": 175, "leader_changes_s": list(changes), "later_leader_ids": list(later),
+        "start_frame": 100, "crossing_frame": 175,
+        "leader_changes_s": list(changes), "later_leader_ids": list(later),
     }  # fmt: skip
     means = dict(zip(PARAMETERS, TABLE3_MEANS.as_array(), strict=True))
     fits = {name: np.array([value]) for name, value in means.items()}

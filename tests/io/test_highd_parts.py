@@ -60,7 +60,9 @@ def test_each_part_is_a_vehicle_of_its_own_with_the_same_rows(recording, holes):
     assert np.all(np.diff(split.vehicles.id) > 0)
     index = split.road.tracks.index
     assert all(np.all(np.diff(index.frame[index.span(v)]) == 1) for v in range(len(index.counts)))
-    before = {(i, f): x for i, f, x in zip(ids_of(torn), torn.road.tracks.index.frame, torn.road.tracks.x, strict=True)}
+    before = {
+        (i, f): x for i, f, x in zip(ids_of(torn), torn.road.tracks.index.frame, torn.road.tracks.x, strict=True)
+    }
     file_id = dict(zip(split.vehicles.id, parts.recorded_id, strict=True))
     after = {(file_id[i], f): x for i, f, x in zip(ids, index.frame, split.road.tracks.x, strict=True)}
     assert before == after
@@ -99,5 +101,5 @@ def test_jumps_are_told_from_holes(recording, dx, dy):
     frame = tracks.index.frame[rows[0]]
     assert f"vehicle {others[0]} jumps at frame {frame}" in parts.in_words()
     assert f"vehicle {others[1]} misses 3 frames before frame" in parts.in_words()
-    assert parts.recording.number == 1 and "recording 01" in parts.in_words()
+    assert "recording 01" in parts.in_words()
     assert parts.jumps(1) + parts.jumps(2) == 1

@@ -104,7 +104,9 @@ def read_event(tables: dict[str, pd.DataFrame], event_id: str) -> Event:
     followers = [cars.pop(f"target_follower_{rank}") for rank in fits["follower"]]
     path = rows[rows["role"] == "ego"]
     leader = leading(cars, event)
-    return Event(event["lateral_shift_m"], event["duration_s"], ego, cars, leader, followers, drivers, unmoved, path)
+    return Event(
+        event["lateral_shift_m"], event["duration_s"], ego, cars, leader, followers, drivers, unmoved, path
+    )
 
 
 def leading(cars: dict[str, Vehicle], event: pd.Series) -> Vehicle | None:
@@ -114,7 +116,7 @@ def leading(cars: dict[str, Vehicle], event: pd.Series) -> Vehicle | None:
         return None
     x, v = first.x.copy(), first.v.copy()
     for rank, change in enumerate(event["leader_changes_s"], start=2):
-        after, later = GRID > change - 1e-6, cars.get(f"target_leader_{rank}")
+        after, later = change - 1e-6 < GRID, cars.get(f"target_leader_{rank}")
         x[after], v[after] = np.inf, 0.0
         if later is not None:
             x[after], v[after] = later.x[after] + (first.length - later.length) / 2, later.v[after]

@@ -159,7 +159,8 @@ def test_holes_duplicates_and_rows_outside_are_counted(data, tmp_path):
     assert quality["n_duplicates"].tolist() == [0, 1]
     assert quality["share_outside"].iloc[1] == pytest.approx(1 / quality["n_rows"].iloc[1])
     (told,) = report.problems
-    assert told.warning and "vehicle 4 misses 2 frames before frame 23 (vehicle 7 from there on)" in told.message
+    assert told.warning
+    assert "vehicle 4 misses 2 frames before frame 23 (vehicle 7 from there on)" in told.message
 
 
 @pytest.mark.parametrize("kind", ["tracks", "tracksMeta", "recordingMeta"])
