@@ -34,25 +34,30 @@ def role_rows(traffic: Traffic, event: Crossing, roles: Roles, *, horizon_s: flo
     """Rows of every role of a usable lane change, until ``horizon_s`` after its end or the end of the track.
 
     Followers and their leaders come from the first row of the calibration window that needs them, the ego from
-    the earliest of these and at least a second before its start, the others from the start.
+    the earliest of these and at least a second before its start, the others from the start. The rows of a role are
+    consecutive frames: they end where its track is broken.
     """
     windows = _windows(traffic, event, roles)
-    firsts = [_first_frame(traffic, window, event.start_frame) for window in windows] + [event.start_frame]
-    early = min(*firsts, event.start_frame - round(_CONTEXT_S * traffic.rate))
+    begin = event.start_frame
+    firsts = [_first_frame(traffic, window, begin) for window in windows] + [begin]
+    early = min(*firsts, begin - round(_CONTEXT_S * traffic.rate))
+    last = event.end_frame + int(horizon_s * traffic.rate)
     nothing = slice(0, 0)
     parts = [
-        (names.EGO, event.ego, early, nothing),
-        (names.ORIGIN_LEADER, roles.origin_leader, event.start_frame, nothing),
-        (names.ORIGIN_FOLLOWER, roles.origin_follower, event.start_frame, nothing),
-        (names.TARGET_LEADER, roles.target_leader, firsts[0], nothing),
+        (names.EGO, event.ego, early, begin, nothing),
+        (names.ORIGIN_LEADER, roles.origin_leader, begin, begin, nothing),
+        (names.ORIGIN_FOLLOWER, roles.origin_follower, begin, begin, nothing),
+        (names.TARGET_LEADER, roles.target_leader, firsts[0], begin, nothing),
     ]
+    for place, later in enumerate(event.successors):
+        if later.frame <= last:
+            parts.append((names.target_leader(place + 2), later.vehicle, begin, later.frame, nothing))
     for place, follower in enumerate(roles.followers):
         first = min(firsts[place], firsts[place + 1])
-        parts.append((names.target_follower(place + 1), follower, first, windows[place]))
-    last = event.end_frame + int(horizon_s * traffic.rate)
+        parts.append((names.target_follower(place + 1), follower, first, begin, windows[place]))
     return [
-        RoleRows(role, vehicle, _between(traffic, vehicle, first, last), window)
-        for role, vehicle, first, window in parts
+        RoleRows(role, vehicle, _between(traffic, vehicle, (first, last), around), window)
+        for role, vehicle, first, around, window in parts
         if vehicle != NOBODY
     ]
 
@@ -69,25 +74,31 @@ def _first_frame(traffic: Traffic, window: slice, otherwise: int) -> int:
     return int(traffic.index.frame[window.start]) if window.stop > window.start else otherwise
 
 
-def _between(traffic: Traffic, vehicle: int, first_frame: int, last_frame: int) -> slice:
-    span = traffic.index.span(vehicle)
-    places = np.searchsorted(traffic.index.frame[span], [first_frame, last_frame + 1])
-    return slice(span.start + int(places[0]), span.start + int(places[1]))
+def _between(traffic: Traffic, vehicle: int, frames: tuple[int, int], around: int) -> slice:
+    """Rows of a vehicle from the first to the last of two frames without a break around a frame."""
+    run = traffic.index.run(vehicle, around)
+    places = np.searchsorted(traffic.index.frame[run], [frames[0], frames[1] + 1])
+    return slice(run.start + int(places[0]), run.start + int(places[1]))
 
 
 def calibration_rows(traffic: Traffic, follower: int, leader: int, *, lane: int, before_frame: int) -> slice:
     """Rows of the follower's calibration window: the longest run of consecutive frames before t_start in which
-    it is on ``lane`` behind ``leader``, both inside the usable part of the section. Empty without a leader.
+    it is on ``lane`` behind ``leader``, both inside the usable part of the section and seen without a break from
+    then until ``before_frame``. Empty without a leader.
     """
     if leader == NOBODY:
         return slice(0, 0)
     direction = traffic.direction[follower]
+    runs = [traffic.index.frame[traffic.index.run(who, before_frame)] for who in (follower, leader)]
+    unbroken_from = max((int(run[0]) for run in runs if len(run)), default=0)
+    span = traffic.index.span(follower)
+    follows = (traffic.lane[span] == lane) & (traffic.leader_id[span] == traffic.ids[leader])
+    follows &= traffic.index.frame[span] >= unbroken_from
     first, stop = _longest_run(
         traffic.index.starts,
         traffic.index.frame,
         traffic.x,
-        (traffic.lane[traffic.index.span(follower)] == lane)
-        & (traffic.leader_id[traffic.index.span(follower)] == traffic.ids[leader]),
+        follows,
         (follower, leader),
         before_frame,
         (traffic.entry[direction] - TIE, traffic.stop[direction] + TIE),

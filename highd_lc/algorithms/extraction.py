@@ -3,18 +3,22 @@
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from highd_lc.algorithms.lane_change import LaneChange, find_lane_changes
 from highd_lc.algorithms.lateral_motion import Path, Rule
+from highd_lc.algorithms.leaders import Successor, successors
 from highd_lc.algorithms.roles import Maneuver, Roles, find_roles
-from highd_lc.algorithms.track_index import ABSENT, Traffic
+from highd_lc.algorithms.track_index import ABSENT, TIE, Traffic
 from highd_lc.vocab import names
+
+IntArray = NDArray[np.int64]
 
 
 @dataclass(frozen=True)
 class Crossing:
     """A lane-id change. ego: vehicle index; crossing_frame, start_frame, end_frame: -1 = not found; reason:
-    why it is not usable, empty if it is; roles: of a complete lane change.
+    why it is not usable, empty if it is; roles: of a complete lane change; successors: of its target leader.
     """
 
     ego: int
@@ -24,6 +28,34 @@ class Crossing:
     end_frame: int
     reason: str
     roles: Roles | None
+    successors: tuple[Successor, ...] = ()
+
+
+def with_known_lanes(traffic: Traffic, longest_s: float) -> Traffic:
+    """The traffic with lanes in the place of 0 where a vehicle is between the markings for all that.
+
+    Such rows are a tracker's slip if they last no longer than ``longest_s`` [s] between rows with lanes: the
+    lateral position says on which of the two lanes around them the vehicle is. Any other 0 stays.
+    """
+    off = np.flatnonzero(traffic.lane == 0)
+    runs = np.split(off, 1 + np.flatnonzero(np.diff(off) > 1)) if len(off) else []
+    lane = traffic.lane.copy()
+    for rows in runs:
+        lane[rows] = _lanes_of(traffic, rows, longest_s)
+    return replace(traffic, lane=lane)
+
+
+def _lanes_of(traffic: Traffic, rows: IntArray, longest_s: float) -> IntArray:
+    """Lanes of consecutive rows without one, 0 where they are not known."""
+    before, after = int(rows[0]) - 1, int(rows[-1]) + 1
+    vehicle = int(np.searchsorted(traffic.index.starts, rows[0], side="right")) - 1
+    span, frame = traffic.index.span(vehicle), traffic.index.frame
+    if before < span.start or after >= span.stop or frame[after] - frame[before] != len(rows) + 1:
+        return np.zeros(len(rows), dtype=np.int64)
+    by_position = np.searchsorted(traffic.markings[int(traffic.direction[vehicle])], traffic.y[rows])
+    sides = traffic.lane[before], traffic.lane[after]
+    known = len(rows) <= longest_s * traffic.rate + TIE and bool(np.isin(by_position, sides).all())
+    return by_position if known else np.zeros(len(rows), dtype=np.int64)
 
 
 def find_crossings(traffic: Traffic, rule: Rule, *, max_link_m: float, max_followers: int) -> list[Crossing]:
@@ -37,8 +69,24 @@ def find_crossings(traffic: Traffic, rule: Rule, *, max_link_m: float, max_follo
             crossing = _crossing(traffic, int(ego), change)
             if not change.reason:
                 crossing = _with_roles(traffic, crossing, max_link_m=max_link_m, max_followers=max_followers)
+            if not crossing.reason:
+                crossing = _with_successors(traffic, crossing, rule.flicker_s)
             found.append(crossing)
     return found
+
+
+def _with_successors(traffic: Traffic, crossing: Crossing, flicker_s: float) -> Crossing:
+    if crossing.roles is None:
+        return crossing
+    found = successors(
+        traffic,
+        crossing.roles.target_leader,
+        ego=crossing.ego,
+        lane=crossing.change.target,
+        frame=crossing.start_frame,
+        flicker_s=flicker_s,
+    )
+    return replace(crossing, successors=found)
 
 
 def _path(traffic: Traffic, vehicle: int) -> Path:

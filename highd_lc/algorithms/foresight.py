@@ -60,6 +60,11 @@ def with_predicted_leaders(scene: Scene, sample: int) -> Scene:
         scene,
         target_leader=_predicted(scene.target_leader, sample, scene.dt),
         origin_leader=_predicted(scene.origin_leader, sample, scene.dt),
+        next_leaders=tuple(
+            replace(later, motion=_predicted(later.motion, sample, scene.dt))
+            for later in scene.next_leaders
+            if later.since <= sample
+        ),
     )
 
 
@@ -102,7 +107,7 @@ def with_predicted(problem: PlanningProblem, goal: Goal) -> Driven:
 def with_replanning(problem: PlanningProblem, goal: Goal) -> Driven:
     """A new plan every 0.5 s of waiting; what is to start before the next one is carried out."""
     dt, step = problem.packed.dt, round(REPLANNING_S / problem.packed.dt)
-    last = round(problem.settings.planner.max_delay_s / dt)
+    last = min(round(problem.settings.planner.max_delay_s / dt), len(problem.packed.target_v) - 1)
     plannings = 0
     for now in range(0, last + 1, step):
         foreseen = pose(with_predicted_leaders(problem.scene, now), problem.settings)

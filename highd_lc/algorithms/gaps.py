@@ -3,7 +3,8 @@
 Who leads and who follows the AV depends on the gap: behind HV_g, that one leads, by LCM behind the target leader
 and untouched by the AV, and HV_(g+1) .. HV_p follow. Ahead of the target leader, whose own leader is not among an
 event's roles, the road is taken as free; the target leader then follows the AV by LCM (Table 3 means), and HV_1 ..
-HV_p follow it. The gap behind HV_p is none: nobody knows who comes after it.
+HV_p follow it. A target leader that leaves the lane has no gap ahead of it: behind the AV it might have stayed.
+The gap behind HV_p is none: nobody knows who comes after it.
 
 Every gap charges the same followers, HV_1 .. HV_p with their weights at t_start, those that the AV lets pass
 included; nobody charges the target leader.
@@ -76,7 +77,7 @@ def find_gaps(scene: Scene, packed: PackedScene, terms: LossTerms, waiting: Wait
     """The gaps of an event, the recorded one first. packed, terms: of the scene; waiting: in it."""
     found = [_recorded(packed, terms, waiting)]
     found += [_behind(g, packed, terms, waiting) for g in range(1, len(packed.follower_x))]
-    if scene.target_leader is not None:
+    if scene.target_leader is not None and not scene.next_leaders:
         found.append(_ahead(scene.target_leader, packed, terms, waiting))
     return found
 

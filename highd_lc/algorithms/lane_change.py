@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from highd_lc.algorithms.lateral_motion import Path, Rule, first_rest, leaves_moving, smoothed
-from highd_lc.algorithms.track_index import ABSENT, TIE
+from highd_lc.algorithms.track_index import ABSENT, TIE, unbroken
 from highd_lc.vocab import names
 
 FloatArray = NDArray[np.float64]
@@ -99,7 +99,7 @@ def _located(
     reason = change.reason or _refusal(change, path)
     if reason:
         return replace(change, reason=reason)
-    first, last = _unbroken(path.frame, change.crossing)
+    first, last = unbroken(path.frame, change.crossing)
     begin, stop = max(first, bounds[0]), min(last, bounds[1] - 1)
     towards = smooth - np.array([[path.marking(change.origin, change.target)], [0.0], [0.0]])
     towards *= change.target - change.origin
@@ -132,17 +132,6 @@ def _refusal(change: LaneChange, path: Path) -> str:
         return names.NOT_ADJACENT
     hole = path.frame[change.crossing] - path.frame[change.crossing - 1] != 1
     return names.TRACK_HOLE if hole else ""
-
-
-def _unbroken(frame: IntArray, sample: int) -> tuple[int, int]:
-    """First and last sample of the run of consecutive frames around a sample."""
-    if frame[-1] - frame[0] == len(frame) - 1:
-        return 0, len(frame) - 1
-    holes = 1 + np.flatnonzero(frame[1:] != frame[:-1] + 1)
-    place = int(np.searchsorted(holes, sample, side="right"))
-    first = int(holes[place - 1]) if place else 0
-    last = int(holes[place]) - 1 if place < len(holes) else len(frame) - 1
-    return first, last
 
 
 def _without_rest_between(

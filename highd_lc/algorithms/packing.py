@@ -26,11 +26,13 @@ class PackedScene(NamedTuple):
     """Arrays of one scene. N + 1 samples, m leaders, p followers; lengths in m, speeds in m/s.
 
     v0, D, length, rear_to_centre, a, b: of the AV (a, b: semi-axes). target_front, target_v, target_length: front,
-    speed and length of the target leader, infinite, 0 and 0 without one. leader_x, leader_y (m, N + 1), leader_a,
-    leader_b (m,). follower_* (p,), parameters (p, 6), first_L: L of the first follower while it is behind the
-    target leader. origin_follower: x, y, v, length, a, b, or empty. av_parameters (6,). weights (p,).
-    from_crossing: whether the first follower follows the AV only from the crossing. after_lcm: the AV's drive
-    after T. counts_handover: whether the step of the AV's command onto that drive, from 0, is charged.
+    speed and length of who leads the target lane, infinite, 0 and 0 without one; a later leader's front is its
+    rear plus the first one's length, so that gaps are right and L, which belongs to that length, stays right.
+    leader_x, leader_y (m, N + 1), leader_a, leader_b (m,): the target leader is the last. follower_* (p,),
+    parameters (p, 6), first_L: L of the first follower while it is behind the target leader. origin_follower: x,
+    y, v, length, a, b, or empty. av_parameters (6,). weights (p,). from_crossing: whether the first follower
+    follows the AV only from the crossing. after_lcm: the AV's drive after T. counts_handover: whether the step of
+    the AV's command onto that drive, from 0, is charged.
     """
 
     v0: float
@@ -67,11 +69,11 @@ def pack(scene: Scene, settings: ValidateSettings) -> PackedScene:
     """A scene under the settings' conventions, ready for the kernels."""
     paper = settings.constraints.ellipse == "paper"
     followers = scene.followers
-    leaders = [m for m in (scene.origin_leader, scene.target_leader) if m is not None]
+    leaders = list(leaders_of(scene).values())
     samples = len(followers.recorded[0].x)
     axes = [_axes(le, wi, paper) for le, wi in zip(followers.length, followers.width, strict=True)]
     a, b = _axes(scene.length, scene.width, paper)
-    front, speed = _front(scene.target_leader, samples)
+    front, speed = _front(scene, samples)
     return PackedScene(
         v0=scene.v0,
         D=scene.lateral_shift,
@@ -112,17 +114,17 @@ def scene_weights(scene: Scene) -> FloatArray:
 
 def obstacle_roles(scene: Scene) -> tuple[str, ...]:
     """Roles in the order in which the kernels number obstacles: leaders, followers, origin follower."""
-    present = [
-        role
-        for role, motion in (
-            (names.ORIGIN_LEADER, scene.origin_leader),
-            (names.TARGET_LEADER, scene.target_leader),
-        )
-        if motion is not None
-    ]
+    present = list(leaders_of(scene))
     chain = [names.target_follower(rank + 1) for rank in range(len(scene.followers.x))]
     last = [names.ORIGIN_FOLLOWER] if scene.origin_follower is not None else []
     return tuple(present + chain + last)
+
+
+def leaders_of(scene: Scene) -> dict[str, Motion]:
+    """The leaders of both lanes by role; the target leader is the last, after those that lead later."""
+    later = [(names.target_leader(k + 2), one.motion) for k, one in enumerate(scene.next_leaders)]
+    leaders = [(names.ORIGIN_LEADER, scene.origin_leader), *later, (names.TARGET_LEADER, scene.target_leader)]
+    return {role: motion for role, motion in leaders if motion is not None}
 
 
 def _axes(length: float, width: float, paper: bool) -> tuple[float, float]:
@@ -133,10 +135,18 @@ def _stack(rows: list[FloatArray], samples: int) -> FloatArray:
     return np.ascontiguousarray(np.stack(rows)) if rows else np.empty((0, samples))
 
 
-def _front(leader: Motion | None, samples: int) -> tuple[FloatArray, FloatArray]:
+def _front(scene: Scene, samples: int) -> tuple[FloatArray, FloatArray]:
+    leader = scene.target_leader
     if leader is None:
         return np.full(samples, np.inf), np.zeros(samples)
-    return leader.x + leader.length / 2.0, np.ascontiguousarray(leader.v)
+    front, v = leader.x + leader.length / 2.0, leader.v.copy()
+    for later in scene.next_leaders:
+        front[later.since :], v[later.since :] = np.inf, 0.0
+        if later.motion is not None:
+            rear = later.motion.x - later.motion.length / 2.0
+            front[later.since :] = rear[later.since :] + leader.length
+            v[later.since :] = later.motion.v[later.since :]
+    return front, v
 
 
 def _origin_follower(motion: Motion | None, paper: bool) -> FloatArray:

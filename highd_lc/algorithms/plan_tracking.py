@@ -152,7 +152,12 @@ def tracked_av(planned: AvMotion, result: TrackingResult, motion: SampledMotion)
         "jerk": np.abs(motion.jerk).sum(axis=1),
     }
     whole = {name: _replaced(getattr(planned, name), first, column) for name, column in columns.items()}
-    return AvMotion(**whole, n=planned.n, crossing=planned.crossing)
+    # The human's car goes on as recorded from where it was driven to.
+    seen = slice(planned.n + 1, planned.recorded + 1)
+    for name, column in whole.items():
+        shift = column[planned.n] - getattr(planned, name)[planned.n] if name in ("x", "y") else 0.0
+        column[seen] = getattr(planned, name)[seen] + shift
+    return AvMotion(**whole, n=planned.n, crossing=planned.crossing, recorded=planned.recorded)
 
 
 def _replaced(planned: FloatArray, first: int, column: FloatArray) -> FloatArray:

@@ -173,7 +173,8 @@ def reference_plans(problem: PlanningProblem, policy: str) -> list[Plan]:
     quintic, motion = None, {}
     if policy == names.CONSTANT:
         v0 = problem.scene.v0
-        quintic = Quintic(v0=v0, D=problem.scene.lateral_shift, T=CONSTANT_T, x_final=v0 * CONSTANT_T, v_end=v0)
+        T = constant_samples(problem.packed) * problem.packed.dt
+        quintic = Quintic(v0=v0, D=problem.scene.lateral_shift, T=round(T, 10), x_final=v0 * T, v_end=v0)
         played = replay(plan_motion(quintic, problem.packed), problem.packed)
     elif policy == names.HUMAN:
         # The recorded path is that of the box centre: nothing to move for the clearances.
@@ -218,7 +219,20 @@ def unchanged_motion(problem: PlanningProblem) -> tuple[AvMotion, FloatArray, Fl
     drive_on(free.x, free.y, free.vx, free.ax, free.jerk, free.n, lane)
     x, v, a = (np.empty((len(packed.follower_x), samples)) for _ in range(3))
     follow(free.x, free.vx, samples, packed, x, v, a)
-    return replace(free, n=round(CONSTANT_T / packed.dt)), x, v, a
+    return replace(free, n=constant_samples(packed)), x, v, a
+
+
+def own_duration(problem: PlanningProblem, policy: str) -> float:
+    """How long the lane change of a reference policy lasts by itself [s]; the replay cuts it at H."""
+    if policy != names.HUMAN:
+        return CONSTANT_T
+    human = problem.scene.human
+    return float((len(human.x) - 1 if human.end is None else human.end) * problem.packed.dt)
+
+
+def constant_samples(packed: PackedScene) -> int:
+    """Samples of ``CONSTANT_T``, at most those of H."""
+    return min(round(CONSTANT_T / packed.dt), len(packed.target_v) - 1)
 
 
 def start_clearances(problem: PlanningProblem) -> dict[str, float]:
@@ -279,7 +293,8 @@ def plan_margins(
 def human_margins(problem: PlanningProblem) -> dict[str, float]:
     """How far the recorded, smoothed motion stays inside each dynamic limit, at its samples."""
     human, limit = problem.scene.human, problem.limit
-    speed = np.hypot(human.vx, human.vy)
+    to_T = slice(None if human.end is None else human.end + 1)
+    speed = np.hypot(human.vx, human.vy)[to_T]
     found = {"speed": float(min(speed.min() - limit.v_min, limit.v_max - speed.max()))}
     for name, values, bound in (
         ("acceleration_x", human.ax, limit.acceleration),
@@ -287,7 +302,7 @@ def human_margins(problem: PlanningProblem) -> dict[str, float]:
         ("jerk_x", human.jx, limit.jerk),
         ("jerk_y", human.jy, limit.jerk),
     ):
-        found[name] = float(bound - np.abs(values).max())
+        found[name] = float(bound - np.abs(values[to_T]).max())
     return found
 
 

@@ -1,6 +1,6 @@
 """Replay of one motion of the AV: its drive after T, the followers' reaction, clearances to everybody."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numba import njit
@@ -20,11 +20,12 @@ _OTHERS = TABLE3_MEANS.as_array()
 
 @dataclass(frozen=True)
 class AvMotion:
-    """Motion of the AV over 0 .. N samples, prescribed up to sample n (T = n dt).
+    """Motion of the AV over 0 .. N samples, prescribed up to sample n (T = n dt), and of a recorded one up to
+    sample ``recorded``, as long as it is in view (0: not recorded).
 
     x, y: planned point (moves as the box centre up to r (1 - cos phi)) [m]; vx, vy [m/s]; ax [m/s^2], from n on
     the commanded one; jerk: |jx| + |jy| prescribed at the samples 0 .. n, then |a_k - a_(k-1)| / dt with 0 at n's
-    own step [m/s^3]; all of shape (N + 1,). crossing: sample of the lane crossing.
+    own step [m/s^3]; all of shape (N + 1,). crossing: sample of the lane crossing, N + 1 = after these samples.
     """
 
     x: FloatArray
@@ -35,6 +36,12 @@ class AvMotion:
     jerk: FloatArray
     n: int
     crossing: int
+    recorded: int = 0
+
+    @property
+    def free_from(self) -> int:
+        """The last sample that is not driven by a model."""
+        return max(self.n, self.recorded)
 
 
 @dataclass(frozen=True)
@@ -77,10 +84,11 @@ def plan_motion(plan: Quintic, scene: PackedScene) -> AvMotion:
 
 
 def human_motion(human: Human, scene: PackedScene) -> AvMotion:
-    """The prescribed motion of the recorded ego, smoothed, up to the end of its lane change."""
+    """The recorded motion of the ego, smoothed, as long as it is in view; T is its own, at most H."""
     jerk = np.abs(human.jx) + np.abs(human.jy)
     columns = (human.x, human.y, human.vx, human.vy, human.ax, jerk)
-    return _prescribed(columns, len(scene.target_v), human.crossing)
+    seen = _prescribed(columns, len(scene.target_v), min(human.crossing, len(scene.target_v)))
+    return replace(seen, n=seen.n if human.end is None else min(human.end, seen.n), recorded=seen.n)
 
 
 def free_motion(scene: PackedScene) -> AvMotion:
@@ -104,7 +112,7 @@ def replay(av: AvMotion, scene: PackedScene) -> Replay:
     Semi-implicit Euler, all vehicles on the states of the same instant (SPEC section 3). The arrays of ``av`` are
     completed in place.
     """
-    drive_on(av.x, av.y, av.vx, av.ax, av.jerk, av.n, scene)
+    drive_on(av.x, av.y, av.vx, av.ax, av.jerk, av.free_from, scene)
     samples = len(av.x)
     p = len(scene.follower_x)
     x, v, a = (np.empty((p, samples)) for _ in range(3))

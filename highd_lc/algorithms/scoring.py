@@ -164,8 +164,7 @@ def safety(lane: list[Pair], last: int) -> dict[str, float]:
     """
     worst = np.array([np.inf, np.inf, np.inf, -np.inf])
     for pair in lane:
-        first = min(pair.first, last)
-        _extremes(pair.gap, pair.v_follower, pair.v_leader, pair.leader_length, first, last, worst)
+        _extremes(pair.gap, pair.v_follower, pair.v_leader, pair.leader_length, pair.first, last, worst)
     worst[np.isinf(worst)] = np.nan
     return dict(zip(("min_gap_m", "min_time_headway_s", "min_ttc_s", "max_drac"), worst.tolist(), strict=True))
 
@@ -182,6 +181,8 @@ def _extremes(
 ) -> None:
     """Take a pair at the samples first .. last into worst: least gap, time headway, TTC; largest DRAC."""
     for k in range(first, last + 1):
+        if np.isinf(gap[k]):  # the leader has left the lane, and nobody leads
+            continue
         closing = v[k] - v_leader[k]
         worst[0] = min(worst[0], gap[k])
         if v[k] > 0.1:

@@ -66,11 +66,11 @@ class Relaxation:
         return values[(1 if self.n is not None else 0) : (3 if self.free else 2)]
 
     def neighbours(self, T: float) -> tuple[IntArray, float]:
-        """The samples below and above T, and the share of the upper one."""
+        """The samples below and above T, and the share of the upper one; twice the same if there is no other."""
         dt = self.task.scene.dt
         durations = self.task.durations
         low = int(np.clip(np.floor(T / dt + 1e-9), durations[0], max(durations[-1] - 1, durations[0])))
-        return np.array([low, low + 1]), float(np.clip(T / dt - low, 0.0, 1.0))
+        return np.array([low, min(low + 1, durations[-1])]), float(np.clip(T / dt - low, 0.0, 1.0))
 
     def _stencil(self, delta: float, change: float) -> tuple[FloatArray, FloatArray]:
         """The plan itself, moved in delta and moved in change: shape (3,) or (2,) each."""

@@ -196,4 +196,4 @@ def _av_motion(posed: StartProblem, key: Key, quintic: Quintic) -> AvMotion:
         for name in ("x", "y", "vx", "vy", "ax", "jerk")
     }
     columns["x"][d:] += waited.x[d]
-    return AvMotion(**columns, n=d + planned.n, crossing=d + planned.crossing)
+    return AvMotion(**columns, n=d + planned.n, crossing=d + planned.crossing, recorded=0)

@@ -43,7 +43,7 @@ class StartProblem:
         planner, dt = self.problem.settings.planner, self.problem.packed.dt
         last = min(round(planner.max_delay_s / dt), self.latest - round(planner.T_min / dt))
         last = min(last, self.waiting.contact - 1) if self.waiting.contact < NO_CONTACT else last
-        allowed = np.flatnonzero(self.gaps[gap].opens(self.waiting)[: last + 1])
+        allowed = np.flatnonzero(self.gaps[gap].opens(self.waiting)[: max(last + 1, 0)])
         later: IntArray = allowed[allowed >= self.earliest]
         return later
 

@@ -40,6 +40,17 @@ def find_rows(starts: IntArray, frames: IntArray, vehicles: IntArray, wanted: In
     return rows
 
 
+def unbroken(frame: IntArray, sample: int) -> tuple[int, int]:
+    """First and last sample of the run of consecutive frames around a sample. frame: ascending, shape (n,)."""
+    if frame[-1] - frame[0] == len(frame) - 1:
+        return 0, len(frame) - 1
+    holes = 1 + np.flatnonzero(frame[1:] != frame[:-1] + 1)
+    place = int(np.searchsorted(holes, sample, side="right"))
+    first = int(holes[place - 1]) if place else 0
+    last = int(holes[place]) - 1 if place < len(holes) else len(frame) - 1
+    return first, last
+
+
 @dataclass(frozen=True)
 class TrackIndex:
     """Rows ordered by vehicle and frame. frame: of each row, shape (rows,); starts: first row of each vehicle
@@ -63,6 +74,15 @@ class TrackIndex:
     def span(self, vehicle: int) -> slice:
         """The rows of a vehicle."""
         return slice(int(self.starts[vehicle]), int(self.starts[vehicle + 1]))
+
+    def run(self, vehicle: int, frame: int) -> slice:
+        """The rows of a vehicle without a break around a frame; empty if it is not in view then."""
+        row = self.row(vehicle, frame)
+        if row == ABSENT:
+            return slice(0, 0)
+        span = self.span(vehicle)
+        first, last = unbroken(self.frame[span], row - span.start)
+        return slice(span.start + first, span.start + last + 1)
 
     def row(self, vehicle: int, frame: int) -> int:
         """The row of a vehicle in a frame, -1 if it is not in view."""

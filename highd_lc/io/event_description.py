@@ -73,7 +73,7 @@ def _details(event: "pd.Series[Any]", tracks: pd.DataFrame, vehicles: pd.DataFra
 def _role(role: object, rows: pd.DataFrame, vehicles: pd.DataFrame, rate: float) -> str:
     vehicle = int(rows["vehicle_id"].iloc[0])
     kind = vehicles.loc[vehicles["vehicle_id"] == vehicle, "class"].iloc[0]
-    start = rows[rows["t"].abs() < 0.5 / rate].iloc[0]
+    start = rows.iloc[int(rows["t"].abs().argmin())]  # a later leader may come into view after the start
     numbers = (start["x"], start["vx"], rows["t"].min(), rows["t"].max(), rows["calibration"].sum() / rate)
     return _line(role, vehicle, kind, *(f"{number:.2f}" for number in numbers))
 

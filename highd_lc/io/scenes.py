@@ -11,6 +11,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from highd_lc.algorithms.track_index import unbroken
 from highd_lc.core.kinematics import local_polynomial
 from highd_lc.core.lcm import moved_behind
 from highd_lc.core.losses import command_jerk
@@ -19,7 +20,7 @@ from highd_lc.io import artefacts
 from highd_lc.vocab import names
 from highd_lc.vocab.errors import ArtefactError
 from highd_lc.vocab.lcm_parameters import PARAMETERS, TABLE3_MEANS
-from highd_lc.vocab.scene import Followers, Human, Motion, Scene
+from highd_lc.vocab.scene import Followers, Human, Motion, NextLeader, Scene
 from highd_lc.vocab.settings import PlannerSettings, ValidateSettings
 
 FloatArray = NDArray[np.float64]
@@ -124,13 +125,13 @@ def _drivers(work: Path, fits: pd.DataFrame, settings: PlannerSettings) -> pd.Da
 
 
 def _scene(event: object, tables: SceneTables, settings: ValidateSettings) -> Scene:
-    event_id = event.event_id
-    ego = tables.tracks[event_id, names.EGO]
+    ego = _rows(event, names.EGO, tables)
+    assert ego is not None, "extraction writes rows of the ego of every event"
     start = int(np.searchsorted(ego["t"], -1e-9))
     length, width = tables.sizes[event.ego_id]
-    target_leader = _leader(event_id, names.TARGET_LEADER, tables, settings)
+    target_leader = _leader(event, names.TARGET_LEADER, tables, settings)
     return Scene(
-        event_id=event_id,
+        event_id=event.event_id,
         v0=float(ego["vx"][start]),
         a0=float(ego["ax"][start]),
         lateral_shift=float(event.lateral_shift_m),
@@ -139,19 +140,33 @@ def _scene(event: object, tables: SceneTables, settings: ValidateSettings) -> Sc
         wheelbase=WHEELBASE_SHARE * length,
         dt=TIME_STEP,
         target_leader=target_leader,
-        origin_leader=_leader(event_id, names.ORIGIN_LEADER, tables, settings),
-        origin_follower=_leader(event_id, names.ORIGIN_FOLLOWER, tables, settings),
-        followers=_followers(event_id, tables, target_leader, length, settings),
+        origin_leader=_leader(event, names.ORIGIN_LEADER, tables, settings),
+        origin_follower=_leader(event, names.ORIGIN_FOLLOWER, tables, settings),
+        followers=_followers(event, tables, target_leader, length, settings),
         human=_human(event, ego, settings.planner),
+        next_leaders=tuple(_next_leaders(event, tables, settings)),
     )
+
+
+def _rows(event: object, role: str, tables: SceneTables, around: float = 0.0) -> Columns | None:
+    """The rows of a role without a break around a time [s]; None without any. Nothing is told of what lies beyond
+    a hole.
+    """
+    track = tables.tracks.get((event.event_id, role))
+    if track is None:
+        return None
+    frame = np.rint(track["t"] * float(event.frame_rate)).astype(np.int64)
+    sample = min(int(np.searchsorted(track["t"], around - 1e-9)), len(frame) - 1)
+    first, last = unbroken(frame, sample)
+    return track if last - first + 1 == len(frame) else {name: v[first : last + 1] for name, v in track.items()}
 
 
 def _grid(horizon: float) -> FloatArray:
     return np.arange(round(horizon / TIME_STEP) + 1) * TIME_STEP
 
 
-def _leader(event_id: str, role: str, tables: SceneTables, settings: ValidateSettings) -> Motion | None:
-    track = tables.tracks.get((event_id, role))
+def _leader(event: object, role: str, tables: SceneTables, settings: ValidateSettings) -> Motion | None:
+    track = _rows(event, role, tables)
     if track is None or track["t"][-1] < 0.0:
         return None
     motion = _motion(track, tables.sizes[int(track["vehicle_id"][0])], settings.loss.horizon_s)
@@ -160,8 +175,24 @@ def _leader(event_id: str, role: str, tables: SceneTables, settings: ValidateSet
     return _predicted(motion, free_road=settings.planner.leaders == "lcm")
 
 
+def _next_leaders(event: object, tables: SceneTables, settings: ValidateSettings) -> Iterator[NextLeader]:
+    """Who leads the target lane after its leader left it; nobody is foreseen where leaders are predicted."""
+    if settings.planner.leaders != "recorded":
+        return
+    before = _rows(event, names.TARGET_LEADER, tables)
+    for place, change in enumerate(event.leader_changes_s):
+        since = int(np.ceil(change / TIME_STEP - 1e-6))
+        if before is None or change > before["t"][-1] + 1e-9 or since > round(settings.loss.horizon_s / TIME_STEP):
+            return
+        before = _rows(event, names.target_leader(place + 2), tables, change)
+        motion = None
+        if before is not None:
+            motion = _motion(before, tables.sizes[int(before["vehicle_id"][0])], settings.loss.horizon_s)
+        yield NextLeader(since, motion)
+
+
 def _motion(track: Columns, size: tuple[float, float], horizon: float) -> Motion:
-    """Recorded while in view, then at the last recorded speed."""
+    """Recorded while in view, then at the last recorded speed, and before that at the first one."""
     grid, t = _grid(horizon), track["t"]
     observed = max(1, int(np.searchsorted(grid, t[-1] + 1e-9, side="right")))
     seen = np.clip(grid[:observed], t[0], t[-1])
@@ -169,8 +200,10 @@ def _motion(track: Columns, size: tuple[float, float], horizon: float) -> Motion
     columns = {}
     for position, speed in (("x", "vx"), ("y", "vy")):
         recorded = hermite(t, track[position], track[speed], seen) if len(t) > 1 else track[position][:1]
-        rate = track[speed][-1] if position == "x" else 0.0
-        columns[position] = np.concatenate([recorded, track[position][-1] + rate * unseen])
+        ahead = float(position == "x")
+        earlier = ahead * track[speed][0] * (grid[:observed] - seen) * (grid[:observed] < t[0])
+        later = track[position][-1] + ahead * track[speed][-1] * unseen
+        columns[position] = np.concatenate([recorded + earlier, later])
     v = np.concatenate([np.interp(seen, t, track["vx"]), np.full(len(unseen), track["vx"][-1])])
     a = np.concatenate([np.interp(seen, t, track["ax"]), np.zeros(len(unseen))])
     return Motion(columns["x"], columns["y"], v, a, *size, observed=observed)
@@ -189,16 +222,17 @@ def _predicted(motion: Motion, *, free_road: bool) -> Motion:
 
 
 def _followers(
-    event_id: str,
+    event: object,
     tables: SceneTables,
     target_leader: Motion | None,
     ego_length: float,
     settings: ValidateSettings,
 ) -> Followers:
-    fits = tables.fits[event_id,]
+    fits = tables.fits[event.event_id,]
     recorded, sizes = [], []
     for rank in fits["follower"]:
-        track = tables.tracks[event_id, names.target_follower(rank)]
+        track = _rows(event, names.target_follower(rank), tables)
+        assert track is not None, "extraction writes rows of every follower"
         sizes.append(tables.sizes[int(track["vehicle_id"][0])])
         recorded.append(_motion(track, sizes[-1], settings.loss.horizon_s))
     length, width = np.array(sizes).T
@@ -225,14 +259,18 @@ def _parameters(fits: Columns, leader_lengths: list[float]) -> FloatArray:
 
 
 def _human(event: object, ego: Columns, settings: PlannerSettings) -> Human:
-    """The recorded path, smoothed by a local cubic (Savitzky-Golay), and its derivatives at the grid's samples."""
+    """The recorded path, smoothed by a local cubic (Savitzky-Golay), and its derivatives at the grid's samples, as
+    long as the ego is in view.
+    """
     rate = float(event.frame_rate)
-    grid = np.arange(round(event.duration_s / TIME_STEP) + 1) * TIME_STEP
+    end = round(event.duration_s / TIME_STEP)
+    grid = np.arange(max(end, int(ego["t"][-1] / TIME_STEP + 1e-6)) + 1) * TIME_STEP
     smooth = {}
     for axis in ("x", "y"):
         derivatives = local_polynomial(ego[axis], rate, window_s=settings.human_smoothing_s, order=3)
         for prefix, values in zip(("", "v", "a", "j"), derivatives, strict=True):
             smooth[prefix + axis] = np.interp(grid, ego["t"], values)
-    raw = sum(command_jerk(np.interp(grid, ego["t"], ego[a]), TIME_STEP).sum() for a in ("ax", "ay"))
+    to_T = grid[: end + 1]
+    raw = sum(command_jerk(np.interp(to_T, ego["t"], ego[a]), TIME_STEP).sum() for a in ("ax", "ay"))
     crossing = round((event.crossing_frame - event.start_frame) / rate / TIME_STEP)
-    return Human(**smooth, crossing=int(crossing), comfort_raw=float(raw))
+    return Human(**smooth, crossing=int(crossing), comfort_raw=float(raw), end=end)

@@ -59,6 +59,8 @@ def _in_one_line(error: ValidationError, model: type[BaseModel] = Settings) -> s
     key = ".".join(str(part) for part in first["loc"])
     if first["type"] == "extra_forbidden":
         return f"{key}: unknown setting; allowed here: {', '.join(_siblings(first['loc'], model))}"
+    if first["type"] == "value_error":
+        return f"{key}.{str(first['msg']).removeprefix('Value error, ')}"
     if first["type"] == "missing":
         return f"{key}: missing"
     return f"{key} = {first['input']!r}: {first['msg']}"

@@ -104,7 +104,8 @@ class EventReport:
     event: its row of ``events``; plans, losses, fits, tracking: its rows of those tables. v0: ego's speed at
     t_start [m/s]. dt: step of the motions [s]. divider: y of the marking that is crossed [m]; markings: y of all
     markings of the carriageway, ascending [m]. boxes: of each role. others: motions of the roles that no policy
-    moves; observed: how many of their samples were recorded, the rest is predicted. provenance: labels, values.
+    moves; observed: how many of their samples were recorded, the rest is predicted. leads: from which sample on
+    which of them leads the target lane ("" = nobody). provenance: labels, values.
     """
 
     event: Row
@@ -124,6 +125,7 @@ class EventReport:
     track_traces: tuple[TrackTrace, ...] = ()
     surface: Surface | None = None
     provenance: tuple[tuple[str, str], ...] = ()
+    leads: tuple[tuple[int, str], ...] = ()
 
     @property
     def event_id(self) -> str:

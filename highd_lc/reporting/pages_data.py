@@ -44,6 +44,7 @@ _QUALITY_COLUMNS: Final = (
     Column("n_trucks", "Trucks", digits=0),
     Column("frame_rate", "Frame rate", "Hz", 1),
     Column("n_holes", "Holes in tracks", digits=0),
+    Column("n_jumps", "Jumps in tracks", digits=0),
     Column("share_outside", "Rows outside markings", "%", 2, 100.0),
     Column("mean_acceleration", "Mean acceleration (bias)", "m/s²", 3),
     Column("disagreement_inner", "Speed against position, inside the section", "m/s", 3),

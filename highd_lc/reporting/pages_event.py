@@ -86,7 +86,9 @@ def _lead(report: EventReport) -> str:
     if html.is_missing(event["leader_leaves_s"]):
         return lead
     after = html.number(event["leader_leaves_s"], 1)
-    return f"{lead} The leader on that lane leaves it {after} s after the start and counts as leader all the same."
+    count = len(event["later_leader_ids"])
+    next_one = "the next vehicle ahead leads from then on" if count else "nobody in view leads from then on"
+    return f"{lead} The leader on that lane leaves it {after} s after the start; {next_one}."
 
 
 def _numbered(count: int) -> str:

@@ -67,6 +67,7 @@ def event_payload(report: EventReport, *, raw: bool = False) -> dict[str, Any]:
         "boxes": {r: [round(b.length, 1), round(b.width, 1)] for r, b in report.boxes.items()},
         "looks": {p: {"label": k.label, "dashed": k.dashed} for p, k in labels.POLICIES.items()},
         "others": [_other(role, path, report, step=step, drive=drive) for role, path in report.others.items()],
+        "leads": [list(lead) for lead in report.leads],
         "plays": list(_plays(report.plays, step, drive)),
         "surface": None if report.surface is None else _surface(report.surface, report),
         "fits": {str(rank): _fit(trace, step) for rank, trace in report.fit_traces.items()},

@@ -316,7 +316,8 @@ def _observed(run: RunTables) -> str:
         return "The filmed share of the charged follower-seconds is not available: the tables do not hold it."
     return (
         f"{html.percent(share, 1)} of the follower-seconds charged (counted for the human's lane change). "
-        "In the others the follower had left the view: there is no recording to compare the simulation with."
+        "In the others the follower or the ego had left the view: there is no recording to compare the simulation "
+        "with."
     )
 
 

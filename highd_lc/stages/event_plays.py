@@ -2,13 +2,13 @@
 
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from highd_lc.algorithms import planner
-from highd_lc.algorithms.packing import PackedScene
+from highd_lc.algorithms.packing import PackedScene, leaders_of
 from highd_lc.algorithms.planner import PlanningProblem
 from highd_lc.algorithms.replay import AvMotion, drive_on, follow, human_motion, plan_motion
 from highd_lc.algorithms.start_planner import FORM_OF_START, key_of, replay_start
@@ -22,7 +22,6 @@ FloatArray = NDArray[np.float64]
 Three = tuple[FloatArray, FloatArray, FloatArray]
 Driven = tuple[AvMotion, Three]
 """The AV's motion, and the followers' x [m], v [m/s], a [m/s^2], each of shape (p, N + 1)."""
-_LEADERS: Final = (names.ORIGIN_LEADER, names.TARGET_LEADER, names.ORIGIN_FOLLOWER)
 
 
 def policy_plays(problem: PlanningProblem, plans: Iterable[Row]) -> Iterator[Play]:
@@ -75,7 +74,7 @@ def _replayed(problem: PlanningProblem, policy: str, T: float, x_final: float, v
 
 def _driven(av: AvMotion, scene: PackedScene) -> Driven:
     # As ``replay`` does, but without the clearances, which stand in the tables and take most of its time.
-    drive_on(av.x, av.y, av.vx, av.ax, av.jerk, av.n, scene)
+    drive_on(av.x, av.y, av.vx, av.ax, av.jerk, av.free_from, scene)
     x, v, a = (np.empty((len(scene.follower_x), len(av.x))) for _ in range(3))
     follow(av.x + scene.length / 2.0, av.vx, av.crossing if scene.from_crossing else 0, scene, x, v, a)
     return av, (x, v, a)
@@ -110,4 +109,14 @@ def _ego(av: AvMotion, scene: Scene, *, at_rear_axle: bool) -> Path:
 
 def surrounding(scene: Scene) -> dict[str, Motion]:
     """The vehicles that no policy moves, by role."""
-    return {role: motion for role in _LEADERS if (motion := getattr(scene, role)) is not None}
+    behind = {} if scene.origin_follower is None else {names.ORIGIN_FOLLOWER: scene.origin_follower}
+    return leaders_of(scene) | behind
+
+
+def leads(scene: Scene) -> tuple[tuple[int, str], ...]:
+    """From which sample on which role leads the target lane; empty = nobody."""
+    if scene.target_leader is None:
+        return ()
+    later = enumerate(scene.next_leaders, start=2)
+    found = [(one.since, "" if one.motion is None else names.target_leader(rank)) for rank, one in later]
+    return ((0, names.TARGET_LEADER), *found)

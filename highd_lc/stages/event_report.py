@@ -14,7 +14,7 @@ from highd_lc.io import artefacts
 from highd_lc.io.scenes import Columns, SceneTables, read_scene_tables
 from highd_lc.reporting import labels
 from highd_lc.reporting.event import Box, EventReport, Path, Play, Row
-from highd_lc.stages.event_plays import policy_plays, surrounding
+from highd_lc.stages.event_plays import leads, policy_plays, surrounding
 from highd_lc.stages.event_traces import Track, fit_traces, surface_of, track_traces
 from highd_lc.vocab import names
 from highd_lc.vocab.job import Job
@@ -113,6 +113,7 @@ def event_report(event: Row, tables: RecordingTables, scene: Scene, settings: Va
         track_traces=track_traces(problem, of_event["plans"]),
         surface=surface_of(problem, of_event["plans"]),
         provenance=tables.provenance,
+        leads=leads(scene),
     )
 
 

@@ -9,7 +9,7 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from highd_lc.algorithms.event_rows import RoleRows, role_rows
-from highd_lc.algorithms.extraction import Crossing, find_crossings
+from highd_lc.algorithms.extraction import Crossing, find_crossings, with_known_lanes
 from highd_lc.algorithms.lateral_motion import Rule
 from highd_lc.algorithms.neighbours import NOBODY
 from highd_lc.algorithms.track_index import ABSENT, TrackIndex, Traffic
@@ -92,7 +92,8 @@ def _load(job: Job) -> _Recording:
         stop=_by_direction(carriageways, "exit_m") - trim,
         rate=float(carriageways["frame_rate"].iloc[0]),
     )
-    return _Recording(job.recording, tracks, traffic, vehicles["class"].to_numpy())
+    known = with_known_lanes(traffic, job.settings.extract.flicker_s)
+    return _Recording(job.recording, tracks, known, vehicles["class"].to_numpy())
 
 
 def _by_direction(carriageways: pd.DataFrame, column: str) -> FloatArray:
@@ -178,28 +179,21 @@ def _motion(recording: _Recording, event: Crossing) -> dict[str, object]:
 
 
 def _roles(recording: _Recording, event: Crossing) -> dict[str, object]:
-    roles = event.roles
+    roles, traffic = event.roles, recording.traffic
+    changes = [(later.frame - event.start_frame) / traffic.rate for later in event.successors]
+    later_ids = [_id(recording, later.vehicle) for later in event.successors]
     return {
-        "gap_ahead_m": _gap(recording.traffic, event.start_frame, roles.target_leader, event.ego),
-        "gap_behind_m": _gap(recording.traffic, event.start_frame, event.ego, roles.followers[0]),
+        "gap_ahead_m": _gap(traffic, event.start_frame, roles.target_leader, event.ego),
+        "gap_behind_m": _gap(traffic, event.start_frame, event.ego, roles.followers[0]),
         "origin_leader_id": _id(recording, roles.origin_leader),
         "origin_follower_id": _id(recording, roles.origin_follower),
         "target_leader_id": _id(recording, roles.target_leader),
-        "follower_ids": [int(recording.traffic.ids[follower]) for follower in roles.followers],
+        "follower_ids": [int(traffic.ids[follower]) for follower in roles.followers],
         "roles_confirmed": roles.confirmed,
-        "leader_leaves_s": _leader_leaves(recording.traffic, event),
+        "leader_leaves_s": changes[0] if changes else float("nan"),
+        "leader_changes_s": changes,
+        "later_leader_ids": [vehicle for vehicle in later_ids if vehicle is not None],
     }
-
-
-def _leader_leaves(traffic: Traffic, event: Crossing) -> float:
-    """When the target leader is first seen off the target lane after t_start [s], NaN if never or nobody leads."""
-    leader = event.roles.target_leader
-    if leader == NOBODY:
-        return float("nan")
-    first, stop = traffic.index.row(leader, event.start_frame), traffic.index.span(leader).stop
-    off = np.flatnonzero(traffic.lane[first:stop] != event.change.target)
-    frame = traffic.index.frame[first + off[0]] if len(off) else float("nan")
-    return float(frame - event.start_frame) / traffic.rate
 
 
 def _gap(traffic: Traffic, frame: int, ahead: int, behind: int) -> float:

@@ -17,6 +17,7 @@ from highd_lc.algorithms.data_quality import (
 )
 from highd_lc.io import artefacts, tracks_file
 from highd_lc.io.highd import Recording, read_recording
+from highd_lc.io.highd_parts import Parts, split_tracks
 from highd_lc.stages.cross_checks import Verdict, files_by_kind, findings, verdicts
 from highd_lc.vocab import names
 from highd_lc.vocab.cross_checks import CROSS_CHECKS
@@ -26,26 +27,42 @@ from highd_lc.vocab.job import Job, JobReport, Problem
 IntArray = NDArray[np.int64]
 
 STAGE = "ingest"
+# Share of vehicles whose tracks may be broken before it is more than a tracker's usual losses.
+_LARGEST_SHARE_BROKEN = 0.05
 
 
 def run(job: Job) -> JobReport:
     """Read the recording's CSVs and write its tracks and the parts ``vehicles`` and ``recordings``.
 
-    Raises InputError, before anything is written, naming file, column and row of the first fault, or the columns
-    that contradict each other in nearly all vehicles of a direction. Where some do it is a problem in the report.
+    Checks are of the file as it is; the tracks written are unbroken (see ``io.highd_parts``). Raises InputError,
+    before anything is written, naming file, column and row of the first fault, or the columns that contradict each
+    other in nearly all vehicles of a direction. Where some do it is a problem in the report.
     """
     recording = read_recording(job.data, job.recording)
     quality, failed = _quality(recording, job)
     _refuse(failed)
     if job.settings.ingest.remove_bias:
         recording = _without_bias(recording, quality)
-    rows = tracks_file.write(job.work, recording, job.provenance)
-    vehicles = artefacts.write_part(job, STAGE, "vehicles", _vehicles(recording))
+    parts = split_tracks(recording)
+    rows = tracks_file.write(job.work, parts.recording, job.provenance)
+    vehicles = artefacts.write_part(job, STAGE, "vehicles", _vehicles(parts))
+    quality["n_jumps"] = [parts.jumps(direction) for direction in quality["driving_direction"]]
     artefacts.write_part(job, STAGE, "recordings", quality)
-    return JobReport({"rows": rows, "vehicles": vehicles}, tuple(_problems(job.recording, failed)))
+    problems = (*_problems(job.recording, failed), *_broken(parts))
+    return JobReport({"rows": rows, "vehicles": vehicles}, problems)
 
 
-def _vehicles(recording: Recording) -> pd.DataFrame:
+def _broken(parts: Parts) -> list[Problem]:
+    """What is told of the tracks that were split; no warning any more if they are many."""
+    broken, everybody = len({one.vehicle_id for one in parts.breaks}), len(np.unique(parts.recorded_id))
+    few = broken <= max(1, _LARGEST_SHARE_BROKEN * everybody)
+    of_all = "" if few else f"; {broken} of {everybody} vehicles"
+    text = parts.in_words()
+    return [Problem(parts.recording.number, STAGE, text + of_all, warning=few)] if text else []
+
+
+def _vehicles(parts: Parts) -> pd.DataFrame:
+    recording = parts.recording
     metas, index = recording.vehicles, recording.road.tracks.index
     return pd.DataFrame(
         {
@@ -57,6 +74,7 @@ def _vehicles(recording: Recording) -> pd.DataFrame:
             "width": metas.width,
             "first_frame": index.frame[index.starts[:-1]],
             "last_frame": index.frame[index.starts[1:] - 1],
+            "recorded_id": parts.recorded_id,
         }
     )
 

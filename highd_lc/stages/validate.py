@@ -155,10 +155,12 @@ def _braking_afterwards(plan: Plan) -> float:
 
 
 def _at_bound(problem: PlanningProblem, plan: Plan) -> list[str]:
+    settings, H = problem.settings.planner, (len(problem.packed.target_v) - 1) * problem.packed.dt
+    if plan.status == names.REFERENCE:
+        return ["T"] if planner.own_duration(problem, plan.policy) > H + 1e-9 else []
     if plan.status != names.SOLVED or plan.quintic is None:
         return []
-    settings = problem.settings.planner
-    edge = [b for b in (settings.T_min, settings.T_max) if abs(plan.quintic.T - b) < 1e-9]
+    edge = [b for b in (settings.T_min, min(settings.T_max, H)) if abs(plan.quintic.T - b) < 1e-9]
     waited = 0.0 < settings.max_delay_s <= plan.delay_s + 1e-9
     return (["T"] if edge else []) + (["delay_s"] if waited else []) + plan.at_bound
 
@@ -218,7 +220,9 @@ def _loss_row(problem: PlanningProblem, plan: Plan, scores: _Scores) -> Row:
     row["loss_hv_increment"] = row["loss_hv"] - scores.hv_unchanged(charged)
     if plan.policy == names.HUMAN:
         recorded = problem.scene.followers.recorded
-        row |= scoring.recorded_loss(recorded, losses, terms, settings, last=charged, dt=dt)
+        # Behind the recorded ego both: once it is out of view the simulated ones follow somebody else.
+        both = min(charged, plan.replay.av.recorded)
+        row |= scoring.recorded_loss(recorded, losses, terms, settings, last=both, dt=dt)
         row["av_comfort_raw"] = problem.scene.human.comfort_raw / settings.comfort_scale
     row |= scores.safety(plan, charged)
     row["peak_follower_decel"] = scoring.peak_deceleration(plan.replay.a, charged)

@@ -15,6 +15,11 @@ def target_follower(rank: int) -> str:
     return f"{TARGET_FOLLOWER}_{rank}"
 
 
+def target_leader(rank: int) -> str:
+    """Role of the leaders of the target lane in the order of time: 1 = at t_start, 2 = after that one left it."""
+    return TARGET_LEADER if rank == 1 else f"{TARGET_LEADER}_{rank}"
+
+
 # Policies (SPEC section 6).
 NO_LANE_CHANGE: Final = "no_lane_change"
 CONSTANT: Final = "constant"

@@ -27,12 +27,20 @@ class Motion:
 
 
 @dataclass(frozen=True)
+class NextLeader:
+    """Who leads the target lane from sample ``since`` on, after the leader before left it; None = nobody."""
+
+    since: int
+    motion: Motion | None
+
+
+@dataclass(frozen=True)
 class Human:
-    """The ego's recorded motion on the time grid 0 .. T (T = duration, rounded to dt), smoothed.
+    """The ego's recorded motion on the time grid as long as it is in view, at least to T = duration, smoothed.
 
     x, y: box centre relative to t_start [m]; vx, vy [m/s]; ax, ay [m/s^2]; jx, jy [m/s^3]; all of shape
-    (n + 1,). crossing: sample of the lane crossing. comfort_raw: jerk sum of the recorded accelerations,
-    unsmoothed [m/s^3].
+    (n + 1,). crossing: sample of the lane crossing. comfort_raw: jerk sum of the recorded accelerations over
+    0 .. T, unsmoothed [m/s^3]. end: sample of T; None = the last one.
     """
 
     x: FloatArray
@@ -45,6 +53,7 @@ class Human:
     jy: FloatArray
     crossing: int
     comfort_raw: float
+    end: int | None = None
 
 
 @dataclass(frozen=True)
@@ -75,6 +84,7 @@ class Scene:
     v0: the ego's recorded speed at t_start [m/s]; a0: its recorded acceleration [m/s^2]; lateral_shift: D,
     left positive [m]; length, width, wheelbase of the ego [m]; dt: step of the time grid [s]; target_leader,
     origin_leader, origin_follower: motions over 0 .. H, or None (the origin follower's matter at t_start).
+    next_leaders: who leads the target lane when the target leader has left it, in the order of time.
     """
 
     event_id: str
@@ -90,3 +100,4 @@ class Scene:
     origin_follower: Motion | None
     followers: Followers
     human: Human
+    next_leaders: tuple[NextLeader, ...] = ()

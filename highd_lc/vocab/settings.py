@@ -2,7 +2,7 @@
 
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from highd_lc.vocab.recorder import RecorderSettings
 from highd_lc.vocab.tracking import TrackingSettings
@@ -84,7 +84,11 @@ class ExtractSettings(Section):
     ] = 150.0
     horizon_s: Annotated[
         float,
-        Field(gt=0, le=60, description="recorded motion kept after the end of the lane change [s] (>= H)"),
+        Field(
+            gt=0,
+            le=60,
+            description="recorded motion kept after the end of the lane change [s]; less than H: less is observed",
+        ),
     ] = 15.0
 
 
@@ -156,7 +160,12 @@ class LossSettings(Section):
     ] = 0.5
     horizon_s: Annotated[
         float,
-        Field(ge=1, le=60, multiple_of=0.5, description="H: accounted time of follower_horizon and equal [s]"),
+        Field(
+            ge=2,
+            le=60,
+            multiple_of=0.5,
+            description="H: accounted time of follower_horizon and equal; no manoeuvre lasts longer [s]",
+        ),
     ] = 15.0
 
 
@@ -256,7 +265,10 @@ class StudySettings(Section):
     ] = 10
     horizons_s: Annotated[
         tuple[Annotated[float, Field(ge=2, le=60, multiple_of=0.5)], ...],
-        Field(description="H of the sensitivity [s], each at most loss.horizon_s (SPEC section 4)"),
+        Field(
+            description="H of the sensitivity [s], each at most loss.horizon_s (SPEC section 4); "
+            "of the default those that are"
+        ),
     ] = (5.0, 8.0, 10.0)
     omegas: Annotated[
         tuple[Annotated[float, Field(ge=0, le=1)], ...],
@@ -279,6 +291,17 @@ class ValidateSettings(Section):
     tracking: TrackingSettings = TrackingSettings()
     statistics: StatisticsSettings = StatisticsSettings()
     studies: StudySettings = StudySettings()
+
+    @model_validator(mode="after")
+    def _within_the_horizon(self) -> "ValidateSettings":
+        """No manoeuvre and no horizon of a study lasts longer than H."""
+        H, default = self.loss.horizon_s, StudySettings.model_fields["horizons_s"].default
+        if self.studies.horizons_s != default and max(self.studies.horizons_s, default=H) > H:
+            longest = max(self.studies.horizons_s)
+            raise ValueError(f"studies.horizons_s = {longest:g}: at most loss.horizon_s = {H:g}")
+        if self.planner.T_min > H:
+            raise ValueError(f"planner.T_min = {self.planner.T_min:g}: at most loss.horizon_s = {H:g}")
+        return self
 
 
 class ReportSettings(Section):

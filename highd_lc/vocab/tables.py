@@ -59,6 +59,12 @@ VEHICLES = Table(
         _number("width", "width of the vehicle's box", "m", nullable=False, minimum=0),
         _count("first_frame", "first frame in view"),
         _count("last_frame", "last frame in view"),
+        Column(
+            "recorded_id",
+            "int64",
+            "id in the file; another than vehicle_id for what follows a hole or a jump of that id",
+            minimum=0,
+        ),
     ),
 )
 
@@ -74,10 +80,11 @@ RECORDINGS = Table(
         Column("markings", "list<float64>", "lane markings from the right edge, ascending, first 0 [m]"),
         _number("entry_m", "smallest x that a box of the recording reaches", "m", nullable=False),
         _number("exit_m", "largest x that a box of the recording reaches", "m", nullable=False),
-        _count("n_vehicles", "vehicles"),
+        _count("n_vehicles", "ids; with n_holes and n_jumps the number of rows of vehicles"),
         _count("n_trucks", "trucks among them"),
         _count("n_rows", "rows of tracks"),
-        _count("n_holes", "places where a track misses frames"),
+        _count("n_holes", "places where a track misses frames: it is another vehicle from there on"),
+        _count("n_jumps", "places where a position jumps from one frame to the next: likewise"),
         _count("n_duplicates", "identical rows that were dropped"),
         _number("share_outside", "share of rows outside the markings", minimum=0, maximum=1),
         _number("share_lane_mismatch", "share of rows whose lane is not that of their centre", minimum=0),
@@ -151,10 +158,20 @@ EVENTS = Table(
         Column("roles_confirmed", "bool", "whether the file's leader ids say the same of all roles"),
         _number(
             "leader_leaves_s",
-            "when, from t_start, the target leader is first seen off the target lane; it is followed on all the "
-            "same. Null: never while in view, or no leader",
+            "when, from t_start, the target leader is first seen off the target lane (for longer than flicker_s); "
+            "from then on the next vehicle ahead leads. Null: never while in view, or no leader",
             "s",
             minimum=0,
+        ),
+        Column(
+            "leader_changes_s",
+            "list<float64>",
+            "when, from t_start, each leader of the target lane has left it; the first is leader_leaves_s [s]",
+        ),
+        Column(
+            "later_leader_ids",
+            "list<int64>",
+            "who leads the target lane after each of these; one fewer: nobody after the last",
         ),
     ),
 )
@@ -166,7 +183,11 @@ EVENT_TRACKS = Table(
     (
         _EVENT,
         _RECORDING,
-        _word("role", "ego, origin_leader, origin_follower, target_leader, target_follower_1 .. p"),
+        _word(
+            "role",
+            "ego, origin_leader, origin_follower, target_leader, target_follower_1 .. p; target_leader_2, ..: who "
+            "leads the target lane after the target leader left it (events.leader_changes_s)",
+        ),
         _VEHICLE,
         _number("t", "(frame - start_frame) / frame rate", "s", nullable=False),
         _number("x", "box centre ahead of the ego's centre at start_frame", "m", nullable=False),
@@ -231,7 +252,10 @@ PLANS = Table(
         _word("gap", "recorded, behind a follower that passes, ahead of the target leader; empty = infeasible"),
         _word("status", "outcome of the planner", names.PLAN_STATUSES),
         Column(
-            "at_bound", "list<string>", "T or delay_s on a bound of the search; constraints with no margin left"
+            "at_bound",
+            "list<string>",
+            "T or delay_s on a bound of the search; T of a reference that lasts longer than H and is cut there; "
+            "constraints with no margin left",
         ),
         Column("rejected_by", "map<string,int64>", "candidates that each constraint rejected"),
         Column("candidates", "int64", "candidates looked at", minimum=0),
@@ -274,7 +298,7 @@ LOSSES = Table(
         Column("follower_weights", "list<float64>", "weights of equation 17, nearest first; empty without a plan"),
         _number("loss_hv_recorded", "followers' loss from their recorded motion, aggregated", minimum=0),
         _number("loss_hv_simulated", "simulated counterpart of loss_hv_recorded over the same samples", minimum=0),
-        _count("recorded_n_samples", "follower samples behind loss_hv_recorded"),
+        _count("recorded_n_samples", "samples behind loss_hv_recorded: follower and ego both in view"),
         _count("follower_n_samples", "follower samples charged; 0 when infeasible"),
         _number("av_comfort_raw", "AV's comfort from the recorded, unsmoothed path (human only)", minimum=0),
         _number(

@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -7,7 +9,9 @@ from made_traffic import RATE, traffic
 from highd_lc.algorithms.event_rows import calibration_rows, role_rows
 from highd_lc.algorithms.extraction import Crossing
 from highd_lc.algorithms.lane_change import LaneChange
+from highd_lc.algorithms.leaders import Successor
 from highd_lc.algorithms.roles import Maneuver, find_roles
+from highd_lc.algorithms.track_index import TrackIndex
 
 CROSSES = np.where(np.arange(1, 101) < 60, 1, 2)
 PAIR = ((200.0, 30.0, 2, 4.5), (160.0, 30.0, 2, 4.5))
@@ -79,3 +83,37 @@ def test_ego_has_a_second_before_the_start_without_any_window(event):
     parts = {part.role: part for part in role_rows(made, crossing, roles, horizon_s=100.0)}
     assert window_frames(made, parts["ego"].rows) == list(range(30 - round(RATE), 101))
     assert window_frames(made, parts["target_follower_1"].rows) == list(range(30, 101))
+
+
+@pytest.mark.parametrize("role", ["ego", "origin_leader", "target_leader", "target_follower_1"])
+@pytest.mark.parametrize(("hole", "seen"), [((50, 53), (1, 49)), ((10, 20), (21, 91)), ((28, 29), (30, 91))])
+def test_rows_of_a_role_end_at_a_hole(event, role, hole, seen):
+    made, roles, crossing = event
+    vehicle = {"ego": 0, "origin_leader": 1, "target_leader": 2, "target_follower_1": 3}[role]
+    span = made.index.span(vehicle)
+    kept = np.ones(len(made.x), bool)
+    kept[span.start + hole[0] - 1 : span.start + hole[1]] = False
+    columns = {name: getattr(made, name)[kept] for name in ("x", "y", "vy", "lane", "leader_id")}
+    index = TrackIndex.of(np.repeat(np.arange(4), 100)[kept], made.index.frame[kept])
+    torn = replace(made, index=index, **columns)
+    parts = {part.role: part for part in role_rows(torn, crossing, roles, horizon_s=1.0)}
+    frames = window_frames(torn, parts[role].rows)
+    assert frames == list(range(frames[0], frames[-1] + 1))
+    assert 30 in frames
+    assert seen[0] <= frames[0]
+    assert frames[-1] == min(seen[1], 90)
+    for part in parts.values():
+        window = window_frames(torn, part.calibration)
+        assert set(window) <= set(window_frames(torn, part.rows))
+        assert window == list(range(window[0], window[-1] + 1)) if window else True
+
+
+def test_later_leaders_have_rows_of_their_own(event):
+    made, roles, crossing = event
+    later = replace(crossing, successors=(Successor(45, 1), Successor(70, -1)))
+    parts = {part.role: part for part in role_rows(made, later, roles, horizon_s=1.0)}
+    assert parts["target_leader_2"].vehicle == 1
+    assert window_frames(made, parts["target_leader_2"].rows) == list(range(30, 91))
+    assert "target_leader_3" not in parts
+    too_late = replace(crossing, successors=(Successor(95, 1),))
+    assert "target_leader_2" not in {part.role for part in role_rows(made, too_late, roles, horizon_s=1.0)}

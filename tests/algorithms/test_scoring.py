@@ -109,7 +109,8 @@ def test_samples_before_the_crossing_and_after_the_charged_time_do_not_count():
     lane = [pair([1, 9, 8, 2], [10] * 4, [10] * 4, first=1)]
     assert scoring.safety(lane, 2)["min_gap_m"] == 8.0
     assert scoring.safety(lane, 3)["min_gap_m"] == 2.0
-    assert scoring.safety([pair([5, 4, 3], [10] * 3, [10] * 3, first=9)], 1)["min_gap_m"] == 4.0
+    # Who crosses after the charged time is nobody's neighbour within it.
+    assert np.isnan(scoring.safety([pair([5, 4, 3], [10] * 3, [10] * 3, first=9)], 1)["min_gap_m"])
 
 
 def test_an_empty_lane_has_no_safety():

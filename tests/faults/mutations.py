@@ -75,7 +75,8 @@ def expected(name: str, files: Files) -> str:
 def mutated() -> Iterator[tuple[str, Files]]:
     """Every fault by its name, applied to the small recording."""
     good = small_recording()
-    for family in (_missing, _truncated, _cells, _columns, _rows, _encodings, _texts, _conventions, _formats):
+    families = (_missing, _truncated, _cells, _columns, _rows, _broken, _encodings, _texts, _conventions, _formats)
+    for family in families:
         for name, change in family(good):
             yield f"{family.__name__[1:]}: {name}", good | change
 
@@ -164,6 +165,36 @@ def _rows(good: Files) -> Iterator[tuple[str, Files]]:
     yield "a vehicle twice", {VEHICLES: good[VEHICLES] + metas[1] + b"\n"}
     yield "a vehicle without rows", {VEHICLES: with_cell(good[VEHICLES], "id", "778")}
     yield "recordingMeta of two rows", {META: good[META] + good[META].splitlines()[1] + b"\n"}
+
+
+def _broken(good: Files) -> Iterator[tuple[str, Files]]:
+    """Vehicles 9 and 12 lost or mixed up by a tracker, from the middle of the first one's track on."""
+    header, *rows = good[TRACKS].splitlines()
+    of = {vehicle: [k for k, row in enumerate(rows) if row.split(b",")[1] == vehicle] for vehicle in (b"9", b"12")}
+    half = len(of[b"9"]) // 2
+    middle = of[b"9"][half]
+    frame = int(rows[middle].split(b",")[0])
+
+    def tracks(cells: dict[int, tuple[str, str]], dropped: frozenset[int] = frozenset()) -> Files:
+        changed = [
+            with_cell(header + b"\n" + row, *cells[k]).split(b"\n")[1] if k in cells else row
+            for k, row in enumerate(rows)
+            if k not in dropped
+        ]
+        return {TRACKS: b"\n".join([header, *changed]) + b"\n"}
+
+    def moved(column: str, metres: float) -> Files:
+        place = header.split(b",").index(column.encode())
+        later = [k for k in of[b"9"] if k >= middle]
+        return tracks({k: (column, f"{float(rows[k].split(b',')[place]) + metres:.2f}") for k in later})
+
+    for count in (1, 5, 20):
+        yield f"{count} frames missing", tracks({}, frozenset(of[b"9"][half - count : half]))
+    for column, metres in (("x", 4.0), ("x", -60.0), ("y", 3.6)):
+        yield f"{metres:+.1f} m in {column}", moved(column, metres)
+    swapped = {k: ("id", "12") for k in of[b"9"] if int(rows[k].split(b",")[0]) >= frame}
+    swapped |= {k: ("id", "9") for k in of[b"12"] if int(rows[k].split(b",")[0]) >= frame}
+    yield "two ids swapped", tracks(swapped)
 
 
 def _encodings(good: Files) -> Iterator[tuple[str, Files]]:

@@ -26,6 +26,7 @@ from mutations import (
 
 from highd_lc.io import artefacts
 from highd_lc.io.highd import Recording, read_recording
+from highd_lc.io.highd_parts import split_tracks
 from highd_lc.stages import ingest
 from highd_lc.vocab.errors import InputError
 from highd_lc.vocab.job import Job, Provenance
@@ -68,6 +69,12 @@ def _is_sound(recording: Recording) -> None:
     assert (tracks.index.counts > 0).all()
     for first, last in zip(tracks.index.starts[:-1], tracks.index.starts[1:], strict=True):
         assert (np.diff(tracks.index.frame[first:last]) > 0).all()
+    parts = split_tracks(recording)
+    index = parts.recording.road.tracks.index
+    for first, last in zip(index.starts[:-1], index.starts[1:], strict=True):
+        assert (np.diff(index.frame[first:last]) == 1).all()
+    assert len(index.frame) == len(tracks.index.frame)
+    assert len(np.unique(parts.recording.vehicles.id)) == len(index.counts) == len(vehicles.id) + len(parts.breaks)
     assert recording.meta.frame_rate > 0
     assert (np.diff(recording.meta.upper) > 0).all()
 
@@ -144,6 +151,18 @@ def test_what_only_looks_strange_is_read_as_it_is(ending: str, good: Recording, 
 )  # fmt: skip
 def test_what_cannot_be_true_is_refused(name: str, tmp_path: Path) -> None:
     assert isinstance(_read(tmp_path, dict(_MUTATED)[name]), InputError)
+
+
+@pytest.mark.parametrize("name", [name for name, _ in _MUTATED if name.startswith("broken")])
+def test_a_broken_track_is_split_where_it_breaks(name: str, good: Recording, tmp_path: Path) -> None:
+    found = _read(tmp_path, dict(_MUTATED)[name])
+    assert isinstance(found, Recording)
+    parts = split_tracks(found)
+    assert {one.vehicle_id for one in parts.breaks} == ({9, 12} if "swapped" in name else {9})
+    assert len(parts.breaks) == (2 if "swapped" in name else 1)
+    assert all(f"vehicle {one.vehicle_id} " in parts.in_words() for one in parts.breaks)
+    assert all(str(one.frame) in parts.in_words() for one in parts.breaks)
+    assert not split_tracks(good).breaks
 
 
 @settings(max_examples=_EXAMPLES, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])

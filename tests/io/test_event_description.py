@@ -27,23 +27,24 @@ def work(tmp_path):
         tmp_path, "events", event_id=[USABLE], recording_id=1, ego_id=12, ego_class="Car", direction="left",
         origin_lane=1, target_lane=2, start_frame=60, crossing_frame=100, end_frame=150, frame_rate=25.0,
         duration_s=3.6, lateral_shift_m=3.5, peak_lateral_speed_mps=1.2, follower_ids=[[14]], roles_confirmed=True,
+        leader_changes_s=[[]], later_leader_ids=[[]],
     )  # fmt: skip
     finish(
         tmp_path, "event_tracks", event_id=USABLE, recording_id=1,
-        role=["ego"] * 2 + ["target_follower_1"] * 3, vehicle_id=[12] * 2 + [14] * 3,
-        t=[0.0, 0.04, -0.04, 0.0, 0.04], x=[0.0, 1.0, -31.0, -30.0, -29.0], y=0.0,
-        vx=[25.0] * 2 + [27.0] * 3, vy=0.0,
-        ax=0.0, ay=0.0, calibration=[False, False, True, False, False],
+        role=["ego"] * 2 + ["target_follower_1"] * 3 + ["target_leader_2"] * 2, vehicle_id=[12] * 2 + [14] * 5,
+        t=[0.0, 0.04, -0.04, 0.0, 0.04, 2.0, 2.04], x=[0.0, 1.0, -31.0, -30.0, -29.0, 90.0, 91.0], y=0.0,
+        vx=[25.0] * 2 + [27.0] * 5, vy=0.0,
+        ax=0.0, ay=0.0, calibration=[False, False, True, False, False, False, False],
     )  # fmt: skip
     finish(
         tmp_path, "vehicles", recording_id=1, vehicle_id=[12, 14], driving_direction=2, length=4.5, width=1.9,
-        first_frame=1, last_frame=400, **{"class": ["Car", "Truck"]},
+        first_frame=1, last_frame=400, recorded_id=[12, 14], **{"class": ["Car", "Truck"]},
     )  # fmt: skip
     return tmp_path
 
 
 def test_usable_event_names_frames_and_roles(work):
-    head, verdict, frames, facts, _, columns, ego, follower = describe_event(work, USABLE).splitlines()
+    head, verdict, frames, facts, _, columns, ego, follower, later = describe_event(work, USABLE).splitlines()
     assert head == "01-0012-00100: recording 1, vehicle 12 (Car) to the left, lane 1 -> 2 (1 = rightmost)"
     assert verdict == "usable"
     assert frames == "frames: start 60, crossing 100, end 150"
@@ -51,6 +52,7 @@ def test_usable_event_names_frames_and_roles(work):
     assert columns.split("  ")[1] == "role"
     assert ego.split() == ["ego", "12", "Car", "0.00", "25.00", "0.00", "0.04", "0.00"]
     assert follower.split() == ["target_follower_1", "14", "Truck", "-30.00", "27.00", "-0.04", "0.04", "0.04"]
+    assert later.split() == ["target_leader_2", "14", "Truck", "90.00", "27.00", "2.00", "2.04", "0.00"]
 
 
 def test_unusable_change_names_its_reason(work):

@@ -42,6 +42,19 @@ def test_the_full_study_names_every_number_at_its_default():
         ("[calibrate]\npopulatoin = 10", ("calibrate.populatoin", "unknown", "population")),
         ("[nonsense]\na = 1", ("nonsense", "unknown", "calibrate")),
         ("seed = ", ("not valid TOML",)),
+        (
+            "[validate.studies]\nhorizons_s = [5.0, 20.0]",
+            ("studies.horizons_s", "20", "loss.horizon_s = 15"),
+        ),
+        (
+            "[validate]\nloss.horizon_s = 6\nstudies.horizons_s = [8.0]",
+            ("validate.studies.horizons_s = 8", "= 6"),
+        ),
+        (
+            "[validate]\nloss.horizon_s = 2\nplanner.T_min = 3",
+            ("validate.planner.T_min = 3", "horizon_s = 2"),
+        ),
+        ("[validate]\nloss.horizon_s = 1.5", ("validate.loss.horizon_s", "1.5", "greater than or equal to 2")),
     ],
 )
 def test_a_bad_setting_names_file_key_and_what_is_allowed(tmp_path, text, words):
@@ -68,3 +81,10 @@ def test_report_changes_are_checked():
     assert settings_file.with_report(Settings(), {"png": "none"}).report.png == "none"
     with pytest.raises(SettingsError, match=r"report\.png = 'some'"):
         settings_file.with_report(Settings(), {"png": "some"})
+
+
+@pytest.mark.parametrize("H", [2.0, 5.0, 8.0, 60.0])
+def test_a_shorter_horizon_needs_no_other_setting(tmp_path, H):
+    path = tmp_path / "short.toml"
+    path.write_text(f"[validate.loss]\nhorizon_s = {H}")
+    assert settings_file.load(path).validation.loss.horizon_s == H

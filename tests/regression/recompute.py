@@ -41,6 +41,7 @@ class Event:
     duration: float
     ego: Vehicle
     others: dict[str, Vehicle]
+    leader: Vehicle | None
     followers: list[Vehicle]
     lcm: list[dict[str, float]]
     L_unmoved: float
@@ -49,7 +50,7 @@ class Event:
 
 @dataclass(frozen=True)
 class Drive:
-    """The AV on the grid. j: |jx| + |jy| of the prescribed samples; a: LCM commands from T on."""
+    """The AV on the grid. j: |jx| + |jy| of the prescribed samples; a: LCM commands from the last of them on."""
 
     T: float
     x: np.ndarray
@@ -64,9 +65,9 @@ class Drive:
 
 
 def on_grid(track: pd.DataFrame, box: pd.Series) -> Vehicle:
-    """Recorded motion on the grid: cubic Hermite for positions, linear speeds, constant speed once out of view."""
+    """Recorded motion on the grid: cubic Hermite for positions, linear speeds, constant speed out of view."""
     t = track["t"].to_numpy()
-    seen = np.minimum(GRID, t[-1])
+    seen = np.clip(GRID, t[0], t[-1])
     i = np.clip(np.searchsorted(t, seen + 1e-9) - 1, 0, len(t) - 2)
     h = t[i + 1] - t[i]
     u = (seen - t[i]) / h
@@ -102,7 +103,24 @@ def read_event(tables: dict[str, pd.DataFrame], event_id: str) -> Event:
     ego = cars.pop("ego")
     followers = [cars.pop(f"target_follower_{rank}") for rank in fits["follower"]]
     path = rows[rows["role"] == "ego"]
-    return Event(event["lateral_shift_m"], event["duration_s"], ego, cars, followers, drivers, unmoved, path)
+    leader = leading(cars, event)
+    return Event(
+        event["lateral_shift_m"], event["duration_s"], ego, cars, leader, followers, drivers, unmoved, path
+    )
+
+
+def leading(cars: dict[str, Vehicle], event: pd.Series) -> Vehicle | None:
+    """Who leads the target lane at each sample, with its rear where it is and the length of the first one."""
+    first = cars.get("target_leader")
+    if first is None:
+        return None
+    x, v = first.x.copy(), first.v.copy()
+    for rank, change in enumerate(event["leader_changes_s"], start=2):
+        after, later = change - 1e-6 < GRID, cars.get(f"target_leader_{rank}")
+        x[after], v[after] = np.inf, 0.0
+        if later is not None:
+            x[after], v[after] = later.x[after] + (first.length - later.length) / 2, later.v[after]
+    return replace(first, x=x, v=v)
 
 
 # --- motion ------------------------------------------------------------------------------------------------------
@@ -131,7 +149,7 @@ def quintic(times: np.ndarray, plan: pd.Series, v0: float, D: float) -> dict[str
 
 
 def human_path(event: Event) -> dict[str, np.ndarray]:
-    """The recorded path over the grid's samples within the lane change: local cubics over the window, fitted anew.
+    """The recorded path over the grid's samples while in view: local cubics over the window, fitted anew.
 
     Near the ends of the track the cubic of the last whole window serves.
     """
@@ -146,21 +164,25 @@ def human_path(event: Event) -> dict[str, np.ndarray]:
             c = min(max(i, half), len(t) - 1 - half)
             cubic = np.polynomial.Polynomial.fit(t[c - half : c + half + 1], values[c - half : c + half + 1], 3)
             smooth[:, i] = [(cubic.deriv(k) if k else cubic)(t[i]) for k in range(4)]
-        times = np.arange(round(event.duration / DT) + 1) * DT
+        last = max(round(event.duration / DT), int(t[-1] / DT + 1e-6))
+        times = GRID[: last + 1]
         for name, row in zip(("", "v", "a", "j"), smooth, strict=True):
             motion[name + axis] = np.interp(times, t, row)
     return motion
 
 
 def drive(event: Event, plan: pd.Series) -> Drive:
-    """The AV over 0..H: as prescribed until T, then LCM behind the target leader (Table 3 means)."""
+    """The AV over 0..H: as prescribed until T, the human while in view, then LCM behind who leads the target lane
+    (Table 3 means).
+    """
     n = round(plan["T"] / DT)
     human = plan["policy"] == "human"
     m = human_path(event) if human else quintic(GRID[: n + 1], plan, event.ego.v[0], event.D)
+    n = len(m["x"]) - 1
     x, vx, y, vy = (np.zeros(LAST + 1) for _ in range(4))
     x[: n + 1], vx[: n + 1], y[: n + 1], vy[: n + 1] = m["x"], m["vx"], m["y"], m["vy"]
     y[n:] = m["y"][-1]
-    a = follow_leader(event, x, vx, n, event.others.get("target_leader"))
+    a = follow_leader(event, x, vx, n, event.leader)
     return Drive(plan["T"], x, vx, y, vy, np.abs(m["jx"]) + np.abs(m["jy"]), a)
 
 
@@ -203,7 +225,7 @@ def follow(event: Event, first: tuple[np.ndarray, np.ndarray, float] | None) -> 
 
 def unchanged(event: Event) -> list[dict[str, np.ndarray]]:
     """The followers without a lane change: the first stays behind the target leader."""
-    leader = event.others.get("target_leader")
+    leader = event.leader
     own = [event.lcm[0] | {"L": event.L_unmoved}, *event.lcm[1:]]
     return follow(replace(event, lcm=own), None if leader is None else (leader.x, leader.v, leader.length))
 
@@ -221,8 +243,8 @@ def weights(event: Event) -> np.ndarray:
 def av_loss(av: Drive, accounting: str) -> dict[str, float]:
     """The AV's normalised comfort and efficiency."""
     to_h = CHARGED_TO_H[accounting][0]
-    comfort = av.j.sum() + (np.abs(np.diff(av.a)).sum() / DT if to_h else 0.0)
     end = LAST if to_h else round(av.T / DT)
+    comfort = av.j[: end + 1].sum() + (np.abs(np.diff(av.a)).sum() / DT if to_h else 0.0)
     efficiency = np.abs(np.hypot(av.vx[: end + 1], av.vy[: end + 1]) - V_REF).sum()
     comfort, efficiency = comfort / N_COMFORT, efficiency / N_EFFICIENCY
     return {"av_comfort": comfort, "av_efficiency": efficiency, "loss_av": 0.5 * comfort + 0.5 * efficiency}
@@ -272,8 +294,8 @@ def smallest_clearance(event: Event, plan: pd.Series) -> float:
     motion = follow(event, (av.x, av.vx, event.ego.length))
     found = [
         (event.others[role], event.others[role].x, event.others[role].y, end)
-        for role in ("origin_leader", "target_leader")
-        if role in event.others
+        for role in event.others
+        if "leader" in role
     ]
     found += [
         (car, m["x"], np.full(LAST + 1, car.y[0]), end) for car, m in zip(event.followers, motion, strict=True)

@@ -78,7 +78,7 @@ def play(event: Event, plan: pd.Series) -> Played:
     joined = -1 if plan["gap"] == AHEAD else passed
     m = quintic(GRID[: n + 1], plan, plan["v_start"], event.D)
     av = starting(event.ego, TABLE3_MEAN)
-    leader = event.others.get("target_leader")
+    leader = event.leader
     target = None if leader is None else starting(leader, None)
     chain = [starting(car, dict(lcm)) for car, lcm in zip(event.followers, event.lcm, strict=True)]
     behind_av = dict(event.lcm[max(joined, 0)])
@@ -144,12 +144,11 @@ def start_clearance(event: Event, plan: pd.Series) -> float:
     heading, r = np.arctan2(p.vy, p.av.v), 0.3 * event.ego.length
     x, y = p.av.x - r + r * np.cos(heading), p.y + r * np.sin(heading)
     found = [(car.box, car.x, np.full(LAST + 1, car.box.y[0]), last) for car in p.chain]
-    if p.target is not None:
-        level = p.target.box.y if p.joined >= 0 else np.full(LAST + 1, p.target.box.y[0])
-        found.append((p.target.box, p.target.x, level, last))
-    if "origin_leader" in event.others:
-        car = event.others["origin_leader"]
-        found.append((car, car.x, car.y, last))
+    recorded = {role: car for role, car in event.others.items() if "leader" in role}
+    if p.joined < 0 and p.target is not None:
+        del recorded["target_leader"]
+        found.append((p.target.box, p.target.x, np.full(LAST + 1, p.target.box.y[0]), last))
+    found += [(car, car.x, car.y, last) for car in recorded.values()]
     if "origin_follower" in event.others:
         behind = starting(event.others["origin_follower"], TABLE3_MEAN)
         for k in range(LAST):

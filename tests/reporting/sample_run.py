@@ -163,7 +163,8 @@ def recordings() -> pd.DataFrame:
     rows = [
         {
             "recording_id": r, "driving_direction": d, "n_vehicles": 100, "n_trucks": 20, "frame_rate": 25.0,
-            "n_holes": 0, "share_outside": 0.001, "mean_acceleration": 0.02, "disagreement_inner": 0.1,
+            "n_holes": 0, "n_jumps": 0,
+            "share_outside": 0.001, "mean_acceleration": 0.02, "disagreement_inner": 0.1,
             "share_lane_changes": 1.0, "share_leader_ids": 0.98, "share_acceleration": 1.0,
             "failed_checks": ["travelled"] if (r, d) == (2, 1) else [],
             "entry_m": 0.0, "exit_m": 420.0, "disagreement_profile": [0.1 * d, 0.0, -0.05], "location_id": 1,

@@ -50,9 +50,11 @@ def page_with(**changed) -> str:
 def test_a_page_says_where_the_target_leader_is_and_whether_it_stays():
     assert "55.4 m ahead" in page_with()
     assert "leaves it" not in page_with()
-    leaves = page_with(leader_leaves_s=3.24)
+    leaves = page_with(leader_leaves_s=3.24, leader_changes_s=[3.24])
     assert "55.4 m ahead, leaves it after 3.2 s" in leaves
-    assert "The leader on that lane leaves it 3.2 s after the start" in leaves
+    assert "The leader on that lane leaves it 3.2 s after the start; nobody in view leads from then on" in leaves
+    followed = page_with(leader_leaves_s=3.24, leader_changes_s=[3.24], later_leader_ids=[44])
+    assert "the next vehicle ahead leads from then on" in followed
     assert "Leader on target lane none" in page_with(gap_ahead_m=np.nan)
 
 

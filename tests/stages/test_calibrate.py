@@ -54,6 +54,8 @@ def event_row(event_id, followers):
         "lateral_shift_m": 3.5,
         "target_leader_id": 2,
         "follower_ids": followers,
+        "leader_changes_s": [],
+        "later_leader_ids": [],
     }
     return blank | filled
 
@@ -73,6 +75,7 @@ def make_work(tmp_path, windows, *, leader=True):
             vehicles.append(
                 {"recording_id": recording, "vehicle_id": vehicle, "driving_direction": 2, "class": kind}
                 | {"length": length, "width": 1.8, "first_frame": 1, "last_frame": 400}
+                | {"recorded_id": vehicle}
             )
     work = tmp_path / "work"
     work.mkdir(parents=True)

@@ -171,7 +171,9 @@ def test_holes_duplicates_and_rows_outside_are_counted(data, tmp_path):
     assert quality["n_holes"].tolist() == [0, 1]
     assert quality["n_duplicates"].tolist() == [0, 1]
     assert quality["share_outside"].iloc[1] == pytest.approx(1 / quality["n_rows"].iloc[1])
-    assert [p.message for p in report.problems if "'numFrames': 1 of 3 vehicles of direction 2" in p.message]
+    (told,) = [p for p in report.problems if "vehicle 4" in p.message]
+    assert told.warning
+    assert "vehicle 4 misses 2 frames before frame 23 (vehicle 7 from there on)" in told.message
 
 
 @pytest.mark.parametrize("kind", ["tracks", "tracksMeta", "recordingMeta"])

@@ -178,7 +178,12 @@ class EventPage {
   buildCharts() {
     const of = (channel) => (play) => [{ values: channel(play), label: "" }];
     const each = (channel) => (play) => play.followers.map((f, k) => ({ values: channel(f), label: `${k + 1}` }));
-    const leader = this.data.others.find((other) => other.role === "target_leader");
+    const { leads } = this.data;
+    const leader = (k) => leads.filter(([since]) => since <= k).pop()[1];
+    const behindLeader = (p) => p.ego.x.map((x, k) => {
+      const ahead = this.data.others.find((other) => other.role === leader(k));
+      return ahead ? ahead.x[k] - x - (boxes[ahead.role][0] + boxes.ego[0]) / 2 : NaN;
+    });
     const gap = (ahead, behind, boxes) => ahead.x.map((x, k) => x - behind.x[k] - (boxes[0][0] + boxes[1][0]) / 2);
     const { boxes } = this.data;
     const specifications = [
@@ -192,7 +197,7 @@ class EventPage {
         ["Acceleration of the followers", "m/s²", 1, each((f) => f.a)],
         ["Gap between AV and HV 1", "m", 5, of((p) => gap(p.ego, p.followers[0], [boxes.ego, boxes.target_follower_1]))]);
     }
-    if (leader) specifications.push(["Gap between AV and target leader", "m", 5, of((p) => gap(leader, p.ego, [boxes.target_leader, boxes.ego]))]);
+    if (leads.length) specifications.push(["Gap between AV and the leader of the target lane", "m", 5, of(behindLeader)]);
     this.charts = specifications.map(([title, unit, least, channels]) => {
       const several = title.endsWith("followers");
       const figure = node("figure", {});

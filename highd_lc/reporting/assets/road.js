@@ -114,7 +114,7 @@ class RoadView {
 }
 
 function shortRole(role) {
-  return role.endsWith("leader") ? "leader" : "follower";
+  return role.includes("leader") ? "leader" : "follower";
 }
 
 function colour(play) {
