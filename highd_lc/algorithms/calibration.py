@@ -181,9 +181,7 @@ def bounds_hit(parameters: FloatArray) -> tuple[str, ...]:
     return tuple(name for name, near in zip(PARAMETERS, distance <= _AT_BOUND, strict=True) if near)
 
 
-def assess(
-    track: FollowingTrack, parameters: FloatArray, *, delayed: bool, hardest: float = UNBOUNDED
-) -> Quality:
+def assess(track: FollowingTrack, parameters: FloatArray, *, delayed: bool, hardest: float = UNBOUNDED) -> Quality:
     """Errors of a closed-loop simulation with parameters (6,), and the paper's J."""
     simulated = simulate(track, parameters, delayed=delayed, hardest=hardest)
     spacing = track.leader_x - simulated.x

@@ -58,8 +58,8 @@ class LossTerms(NamedTuple):
 class Outcomes(NamedTuple):
     """Losses of candidates, each of shape (rows, candidates): of the AV and the followers charged to T and to H.
 
-    contact: first sample at which ellipses overlap or somebody is past its leader's rear (NO_CONTACT if none); role:
-    which contact that is (see ``packing.contact_words``).
+    contact: first sample at which ellipses overlap or somebody is past its leader's rear (NO_CONTACT if none);
+    role: which contact that is (see ``packing.contact_words``).
     """
 
     av_T: FloatArray
@@ -249,9 +249,7 @@ def _drive_follower(
             state[NEAREST * LANES : (NEAREST + 1) * LANES] = np.inf
         for w in range(LANES):
             x, v, ahead = state[FRONT * LANES + w], state[SPEED * LANES + w], front[k * LANES + w]
-            a, later, faster = lcm_step(
-                x, v, ahead, speed[k * LANES + w], v_desire, A, b, B, tau, L, hardest, dt
-            )
+            a, later, faster = lcm_step(x, v, ahead, speed[k * LANES + w], v_desire, A, b, B, tau, L, hardest, dt)
             short = ref - v
             state[TO_H * LANES + w] += counted * abs(a - state[COMMAND * LANES + w]) + efficiency * max(
                 short, -both_sides * short
@@ -293,6 +291,4 @@ def _meet_ahead(
                 L = scene.first_L if (scene.from_crossing and j == 0 and k < n // 2) else L_replay
                 ahead, ahead_v = front[k], speed[k]
                 front[k], speed[k] = x, v
-                _, x, v = lcm_step(
-                    x, v, ahead, ahead_v, v_desire, A, b, B, tau, L, scene.hardest, scene.dt
-                )
+                _, x, v = lcm_step(x, v, ahead, ahead_v, v_desire, A, b, B, tau, L, scene.hardest, scene.dt)

@@ -131,6 +131,11 @@ def obstacle_roles(scene: Scene) -> tuple[str, ...]:
     return tuple(present + chain + last)
 
 
+def obstacle_count(scene: PackedScene) -> int:
+    """How many obstacles the kernels number in a scene."""
+    return len(scene.leader_a) + len(scene.follower_x) + (1 if len(scene.origin_follower) else 0)
+
+
 def contact_words(roles: tuple[str, ...]) -> tuple[str, ...]:
     """What stands in a candidate's way, by the kernels' numbers: ellipses, then who drives through whom.
 

@@ -134,9 +134,7 @@ def drive_on(
         command = 0.0
         if scene.after_lcm:
             spacing = scene.target_front[k] - x[k] - half
-            command = lcm_command(
-                vx[k], spacing, scene.target_v[k], v_desire, A, b, B, tau, L, scene.hardest
-            )
+            command = lcm_command(vx[k], spacing, scene.target_v[k], v_desire, A, b, B, tau, L, scene.hardest)
         ax[k] = command
         if k > n:
             jerk[k] = abs(command - ax[k - 1]) / dt
@@ -220,10 +218,11 @@ def origin_follower_motion(
     av_front: FloatArray, av_v: FloatArray, crossing: int, scene: PackedScene
 ) -> FloatArray:
     """Box centre [m] of the origin follower, behind the AV by LCM (Table 3 means) until the crossing."""
-    x, _, v, length = scene.origin_follower[:4]
+    x0, _, v, length = scene.origin_follower[:4]
     half, seen = length / 2.0, slice(0, crossing + 1)
-    front, _ = drive_behind(x + half, v, av_front[seen], av_v[seen], _OTHERS, scene.hardest, scene.dt)
-    return front - half
+    front, _ = drive_behind(x0 + half, v, av_front[seen], av_v[seen], _OTHERS, scene.hardest, scene.dt)
+    x: FloatArray = front - half
+    return x
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

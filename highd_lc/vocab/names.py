@@ -15,8 +15,6 @@ def target_follower(rank: int) -> str:
     return f"{TARGET_FOLLOWER}_{rank}"
 
 
-
-
 def through(follower: str, leader: str) -> str:
     """A contact: the follower's front is past the rear bumper of its leader in the same lane. Both are roles."""
     return f"{follower}_through_{leader}"

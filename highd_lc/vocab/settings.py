@@ -173,9 +173,7 @@ class ConstraintSettings(Section):
     ] = "circumscribed"
     contacts: Annotated[
         Literal["all", "av"],
-        Field(
-            description="all: nobody may drive through the vehicle ahead of it, either; av: only the AV's ellipse counts"
-        ),
+        Field(description="all: nobody may drive through the vehicle ahead; av: only the AV's ellipse counts"),
     ] = "all"
 
 
@@ -187,8 +185,8 @@ class FollowerSettings(Section):
         Field(
             ge=0,
             le=20,
-            description="hardest braking that any model may command [m/s^2]; 0 = unbounded (Treiber and Kesting 2013: "
-            "9 on a dry road)",
+            description="hardest braking that any model may command [m/s^2]; 0 = unbounded "
+            "(Treiber and Kesting 2013: 9 on a dry road)",
         ),
     ] = 9.0
 
