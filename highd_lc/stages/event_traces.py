@@ -57,7 +57,7 @@ def _points(problem: PlanningProblem, plans: Iterable[Row]) -> Iterator[SurfaceP
 def fit_traces(
     tracks: Tracks, boxes: Mapping[str, Box], fits: Iterable[Row], *, b_max: float
 ) -> dict[int, FitTrace]:
-    """Recorded against simulated car following of each fitted follower, by its rank. b_max: the setting [m/s^2]."""
+    """Recorded against simulated car following of each fitted follower, by its rank. b_max: as in the settings."""
     return {
         row["follower"]: _fit_trace(tracks, boxes, row, b_max) for row in fits if row["status"] == names.FITTED
     }  # fmt: skip
