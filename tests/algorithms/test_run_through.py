@@ -68,14 +68,19 @@ def test_with_the_contacts_of_0_1_0_the_same_event_is_solved():
     assert not any(plan.contact for plan in plans.values())
 
 
-def test_a_contact_after_T_is_none_of_the_paper_accounting():
-    # HV_2 meets HV_1 late: 60 m at 12 m/s take longer than constant's 5.5 s or it brakes in time; both are asked.
-    problem = planner.pose(scene_of(gap=2.0, faster=1.0), SETTINGS)
-    for plan in planner.reference_plans(problem, names.CONSTANT):
+@pytest.mark.parametrize("brakes_at", [20, 70, 120])
+def test_a_contact_counts_within_the_accounted_time_alone(brakes_at):
+    # The leader stops dead with HV_1 close behind it: before T, after T, or so late that nobody meets it.
+    scene = scene_of(gap=30.0, faster=0.0)
+    leader, t = scene.target_leader, np.arange(len(scene.target_leader.x))
+    x = -45.0 + scene.v0 * scene.dt * np.minimum(t, brakes_at)
+    stopping = replace(leader, x=x, v=np.where(t < brakes_at, scene.v0, 0.0))
+    problem = planner.pose(replace(scene, target_leader=stopping), SETTINGS)
+    for plan in planner.reference_plans(problem, names.NO_LANE_CHANGE):
         last = plan.replay.av.n if plan.accounting == names.PAPER else len(plan.replay.av.x) - 1
         fronts = plan.replay.x + problem.packed.follower_length[:, None] / 2
-        gap = fronts[0] - problem.packed.follower_length[0] - fronts[1]
-        assert bool(plan.contact) == bool((gap[: last + 1] < 0.0).any())
+        gap = np.vstack([x + leader.length / 2, fronts[:-1]]) - fronts - leader.length
+        assert bool(plan.contact) == bool((gap[:, : last + 1] < 0.0).any())
 
 
 @pytest.mark.parametrize("seed", range(5))
