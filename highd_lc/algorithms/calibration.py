@@ -15,6 +15,7 @@ from highd_lc.algorithms.prior import Prior, penalised
 from highd_lc.algorithms.screening import Screening, screen
 from highd_lc.core.car_following import FollowingTrack, fit_problem, objectives_of, open_loop_objective, simulate
 from highd_lc.core.car_following_kernel import TIME_STEP, FitProblem
+from highd_lc.core.drive import UNBOUNDED
 from highd_lc.vocab.lcm_parameters import LOWER_BOUNDS, PARAMETERS, UPPER_BOUNDS
 from highd_lc.vocab.settings import CalibrateSettings
 
@@ -113,16 +114,22 @@ def why_not(track: FollowingTrack, settings: CalibrateSettings) -> str:
 
 
 def fit_follower(
-    track: FollowingTrack, settings: CalibrateSettings, *, seed: int, prior: Prior | None = None
+    track: FollowingTrack,
+    settings: CalibrateSettings,
+    *,
+    seed: int,
+    prior: Prior | None = None,
+    hardest: float = UNBOUNDED,
 ) -> FollowerFit:
     """Fit the LCM to a follower's track (SPEC section 9); deterministic for a seed.
 
     prior: a common driver towards whom the fit is drawn; the objectives of the result do not count the penalty.
+    hardest: bound of the simulated drivers' braking [m/s^2, positive].
     """
     reason = why_not(track, settings)
     if reason:
         return unfitted(len(track.x), reason)
-    problem = pose(track, settings)
+    problem = pose(track, settings, hardest=hardest)
     search = problem if prior is None else penalised(problem, prior)
     rng = np.random.default_rng(seed)
     found = make_optimiser(settings).minimise(search, rng)
@@ -135,7 +142,7 @@ def fit_follower(
         kept,
         float(after),
         float(before) if genetic else np.nan,
-        assess(track, kept, delayed=problem.delayed),
+        assess(track, kept, delayed=problem.delayed, hardest=hardest),
         _spread(points, objectives),
         bounds_hit(kept),
         len(track.x),
@@ -143,7 +150,7 @@ def fit_follower(
     )
 
 
-def pose(track: FollowingTrack, settings: CalibrateSettings) -> FitProblem:
+def pose(track: FollowingTrack, settings: CalibrateSettings, *, hardest: float = UNBOUNDED) -> FitProblem:
     """The problem of a track under the settings: objective, delay and the bounds of Table 3."""
     return fit_problem(
         track,
@@ -151,6 +158,7 @@ def pose(track: FollowingTrack, settings: CalibrateSettings) -> FitProblem:
         UPPER_BOUNDS.as_array(),
         open_loop=settings.objective == "paper",
         delayed=settings.delay == "explicit",
+        hardest=hardest,
     )
 
 
@@ -173,9 +181,9 @@ def bounds_hit(parameters: FloatArray) -> tuple[str, ...]:
     return tuple(name for name, near in zip(PARAMETERS, distance <= _AT_BOUND, strict=True) if near)
 
 
-def assess(track: FollowingTrack, parameters: FloatArray, *, delayed: bool) -> Quality:
+def assess(track: FollowingTrack, parameters: FloatArray, *, delayed: bool, hardest: float = UNBOUNDED) -> Quality:
     """Errors of a closed-loop simulation with parameters (6,), and the paper's J."""
-    simulated = simulate(track, parameters, delayed=delayed)
+    simulated = simulate(track, parameters, delayed=delayed, hardest=hardest)
     spacing = track.leader_x - simulated.x
     rmse = _rms(spacing - track.spacing)
     return Quality(
@@ -184,7 +192,7 @@ def assess(track: FollowingTrack, parameters: FloatArray, *, delayed: bool) -> Q
         _rms(simulated.a - track.a),
         rmse / _rms(track.spacing),
         rmse / (_rms(spacing) + _rms(track.spacing)),
-        open_loop_objective(track, parameters, delayed=delayed),
+        open_loop_objective(track, parameters, delayed=delayed, hardest=hardest),
     )
 
 

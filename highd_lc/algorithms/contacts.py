@@ -10,8 +10,8 @@ from numba import njit
 from numpy.typing import NDArray
 
 from highd_lc.algorithms.packing import PackedScene
+from highd_lc.core.drive import lcm_step
 from highd_lc.core.ellipse import ellipses_touch
-from highd_lc.core.lcm import lcm_acceleration
 from highd_lc.core.quintic import q_rate, z_rate, z_shape
 from highd_lc.core.unaliased import UNALIASED
 from highd_lc.vocab.lcm_parameters import TABLE3_MEANS
@@ -23,6 +23,11 @@ LANES = 16
 """Candidates a tile; arrays of a tile are flat, sample k of candidate w at k LANES + w."""
 NO_CONTACT = 1_000_000
 """Sample of the first contact of a candidate that has none."""
+
+# Rows of a tile's scratch: the candidates, losses to T and to H, a vehicle on its way (front, speed, command), and
+# how near it has come to its leader.
+DELTA, CHANGE, TO_T, TO_H, FRONT, SPEED, COMMAND, NEAREST = range(8)
+STATE_ROWS = 8
 
 _OTHERS = TABLE3_MEANS.as_array()
 _STEP = 4.0
@@ -40,8 +45,9 @@ def lateral_motion(
     A turned ellipse reaches at most b + a sin(heading), and its centre swings by r sin(heading) about the
     planned point; the heading is bounded by the lowest speed in the tile. state: rows delta, change.
     """
-    delta_low = state[:LANES].min()
-    change_low, change_high = state[LANES : 2 * LANES].min(), state[LANES : 2 * LANES].max()
+    delta_low = state[DELTA * LANES : (DELTA + 1) * LANES].min()
+    changes = state[CHANGE * LANES : (CHANGE + 1) * LANES]
+    change_low, change_high = changes.min(), changes.max()
     y[n:], vy[n:], reach[n:] = scene.D, 0.0, scene.b
     T = n * scene.dt
     for k in range(n):
@@ -176,6 +182,37 @@ def _meet_behind(
 
 
 @njit(cache=True, nogil=True, error_model="numpy", **UNALIASED)
+def drive_through(
+    first: int,
+    stop: int,
+    who: int,
+    rear: FloatArray,
+    state: FloatArray,
+    front: FloatArray,
+    contact: IntArray,
+    role: IntArray,
+) -> None:
+    """Contacts, at the samples first .. stop - 1, with a leader that moves alike for all candidates.
+
+    rear: its rear bumper [m], shape (N + 1,); front: of the candidates' AVs, or of those who follow them.
+    """
+    for w in range(LANES):
+        state[NEAREST * LANES + w] = np.inf
+    # Two samples at once: half the way to memory.
+    for k in range(first, stop, 2):
+        later = min(k + 1, stop - 1)
+        for w in range(LANES):
+            gap = min(rear[k] - front[k * LANES + w], rear[later] - front[later * LANES + w])
+            state[NEAREST * LANES + w] = min(state[NEAREST * LANES + w], gap)
+    for w in range(LANES):
+        if state[NEAREST * LANES + w] < 0.0:
+            for k in range(first, min(stop, contact[w])):
+                if rear[k] < front[k * LANES + w]:
+                    contact[w], role[w] = k, who
+                    break
+
+
+@njit(cache=True, nogil=True, error_model="numpy", **UNALIASED)
 def meet_follower(
     i: int,
     n: int,
@@ -220,16 +257,27 @@ def _drive_origin_follower(
     """Fronts of the origin follower behind each candidate by LCM (Table 3 means), over the samples 0 .. last."""
     v_desire, A, b, B, tau, L = _OTHERS
     for w in range(LANES):
-        state[4 * LANES + w] = scene.origin_follower[0] + scene.origin_follower[3] / 2.0
-        state[5 * LANES + w] = scene.origin_follower[2]
+        state[FRONT * LANES + w] = scene.origin_follower[0] + scene.origin_follower[3] / 2.0
+        state[SPEED * LANES + w] = scene.origin_follower[2]
     for k in range(last + 1):
         for w in range(LANES):
-            x, v = state[4 * LANES + w], state[5 * LANES + w]
-            spacing = av_front[k * LANES + w] - x
-            a = lcm_acceleration(v, spacing, av_v[k * LANES + w], v_desire, A, b, B, tau, L)
+            x, v = state[FRONT * LANES + w], state[SPEED * LANES + w]
             front[k * LANES + w] = x
-            v = max(0.0, v + a * scene.dt)
-            state[4 * LANES + w], state[5 * LANES + w] = x + v * scene.dt, v
+            _, x, v = lcm_step(
+                x,
+                v,
+                av_front[k * LANES + w],
+                av_v[k * LANES + w],
+                v_desire,
+                A,
+                b,
+                B,
+                tau,
+                L,
+                scene.hardest,
+                scene.dt,
+            )
+            state[FRONT * LANES + w], state[SPEED * LANES + w] = x, v
 
 
 @njit(cache=True, nogil=True, error_model="numpy", **UNALIASED)

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from highd_lc.algorithms.calibration import FollowerFit, fit_follower, pose
 from highd_lc.algorithms.prior import common_driver, pool_of
 from highd_lc.core.car_following import FollowingTrack
+from highd_lc.core.drive import UNBOUNDED
 from highd_lc.vocab.settings import CalibrateSettings
 
 FloatArray = NDArray[np.float64]
@@ -48,24 +49,34 @@ class FittedDrivers:
 
 
 def pool_drivers(
-    drivers: FittedDrivers, settings: CalibrateSettings, *, rng: np.random.Generator
+    drivers: FittedDrivers,
+    settings: CalibrateSettings,
+    *,
+    rng: np.random.Generator,
+    hardest: float = UNBOUNDED,
 ) -> dict[str, int]:
     """Place of the common driver of each class that has fits, and of ``EVERYBODY`` if anybody was fitted."""
     pools = {name: np.flatnonzero(np.array(drivers.classes) == name) for name in sorted(set(drivers.classes))}
     pools[EVERYBODY] = np.arange(len(drivers))
-    return {name: _elect(drivers, places, settings, rng) for name, places in pools.items() if len(places)}
+    return {name: _elect(drivers, places, settings, rng, hardest) for name, places in pools.items() if len(places)}
 
 
 def _elect(
-    drivers: FittedDrivers, places: NDArray[np.int64], settings: CalibrateSettings, rng: np.random.Generator
+    drivers: FittedDrivers,
+    places: NDArray[np.int64],
+    settings: CalibrateSettings,
+    rng: np.random.Generator,
+    hardest: float,
 ) -> int:
     members = drivers.take(places)
     electors = members.sample(_ELECTORS, rng)
-    problems = [pose(members.tracks[i], settings) for i in electors]
+    problems = [pose(members.tracks[i], settings, hardest=hardest) for i in electors]
     return int(places[electors[common_driver(problems, members.parameters[electors])]])
 
 
-def refit(drivers: FittedDrivers, settings: CalibrateSettings, *, strength: float) -> list[FollowerFit]:
+def refit(
+    drivers: FittedDrivers, settings: CalibrateSettings, *, strength: float, hardest: float = UNBOUNDED
+) -> list[FollowerFit]:
     """Everybody's fit again, drawn with a strength towards the median of his class."""
     classes = np.array(drivers.classes)
     priors = {EVERYBODY: pool_of(drivers.parameters, strength)}
@@ -74,7 +85,7 @@ def refit(drivers: FittedDrivers, settings: CalibrateSettings, *, strength: floa
         if len(members) >= _LEAST_CLASS:
             priors[name] = pool_of(members, strength)
     return [
-        fit_follower(track, settings, seed=seed, prior=priors.get(name, priors[EVERYBODY]))
+        fit_follower(track, settings, seed=seed, prior=priors.get(name, priors[EVERYBODY]), hardest=hardest)
         for track, name, seed in zip(drivers.tracks, drivers.classes, drivers.seeds, strict=True)
     ]
 

@@ -12,7 +12,7 @@ from typing import Final
 import numpy as np
 
 from highd_lc.algorithms import scoring
-from highd_lc.algorithms.planner import PlanningProblem, pose
+from highd_lc.algorithms.planner import PlanningProblem, contact_of, pose
 from highd_lc.algorithms.pool import Goal, Pool
 from highd_lc.algorithms.replay import Replay
 from highd_lc.algorithms.search import search
@@ -42,8 +42,8 @@ class Choice:
 @dataclass(frozen=True)
 class Driven:
     """A choice driven among the recorded leaders: losses of the AV and the followers, the joint objective that the
-    policy minimises, whether ellipses overlap, how many times it was planned. choice: None = no plan was found;
-    losses are NaN then.
+    policy minimises, whether somebody touches another, how many times it was planned. choice: None = no plan was
+    found; losses are NaN then.
     """
 
     choice: Choice | None
@@ -130,7 +130,8 @@ def _drive(problem: PlanningProblem, goal: Goal, choice: Choice | None, *, plann
     clearance = played.clearance_to_T
     if goal.accounting != names.PAPER:
         clearance = np.minimum(clearance, played.clearance_after_T)
-    touches = bool((clearance < 0.0).any())
+    through = contact_of(problem, names.LOCAL_OPTIMUM_START, played, goal.accounting)
+    touches = bool((clearance < 0.0).any()) or through != ""
     return Driven(choice, float(av), float(hv), float(joint_objective(av, hv, goal.omega_av)), touches, plannings)
 
 

@@ -16,9 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from highd_lc.algorithms.candidates import LossTerms
-from highd_lc.algorithms.packing import PackedScene
+from highd_lc.algorithms.contacts import NO_CONTACT
+from highd_lc.algorithms.packing import PackedScene, obstacle_count
 from highd_lc.algorithms.pool import Before
-from highd_lc.algorithms.waiting import Charges, Waiting, charges
+from highd_lc.algorithms.waiting import NEVER, ChainContact, Charges, Waiting, chain_contact, charges
 from highd_lc.vocab import names
 from highd_lc.vocab.lcm_parameters import REPLAY_L_BOUNDS, TABLE3_MEANS
 from highd_lc.vocab.scene import Motion, Scene
@@ -33,7 +34,8 @@ class Gap:
     scene: with the gap's leader as target leader, the vehicles that the AV leaves ahead among the leaders, and the
     vehicles behind the gap as followers; terms: theirs. x, v, a: undisturbed motion of these q followers, shape
     (q, N + 1). passed: followers of the event ahead of the gap; rows: slice of the event's followers among the q.
-    charges: beside the manoeuvre. The obstacles keep the order of ``packing.obstacle_roles`` in every gap.
+    charges: beside the manoeuvre; passed_contact: among those who pass. The obstacles keep the order of
+    ``packing.obstacle_roles`` in every gap.
     """
 
     name: str
@@ -45,6 +47,7 @@ class Gap:
     passed: int
     rows: slice
     charges: Charges
+    passed_contact: ChainContact = NEVER
 
     def opens(self, waiting: Waiting) -> NDArray[np.bool_]:
         """At which samples the AV may start for this gap: its front lies ahead of the follower's, shape (N + 1,).
@@ -114,7 +117,8 @@ def _behind(g: int, packed: PackedScene, terms: LossTerms, waiting: Waiting) -> 
     later = terms._replace(hv_ref=terms.hv_ref[g:].copy(), weights=terms.weights[g:].copy())
     own = charges(waiting, terms, packed.dt, passed=g, counts_insertion=packed.from_crossing)
     motion = (waiting.x[g:], waiting.v[g:], waiting.a[g:])
-    return Gap(names.gap_behind(g), scene, later, *motion, g, slice(None), own)
+    met = chain_contact(waiting.x[:g], packed)
+    return Gap(names.gap_behind(g), scene, later, *motion, g, slice(None), own, met)
 
 
 def _ahead(leader: Motion, packed: PackedScene, terms: LossTerms, waiting: Waiting) -> Gap:
@@ -152,5 +156,10 @@ def _ahead(leader: Motion, packed: PackedScene, terms: LossTerms, waiting: Waiti
 
 def before(gap: Gap, d: int, latest: int) -> Before:
     """What a manoeuvre into the gap inherits when it starts at sample d and ends at sample ``latest`` at most."""
-    own = gap.charges
-    return Before(float(own.av_before[d]), float(own.hv_before[d]), own.hv_passed[d:], latest - d)
+    own, scene = gap.charges, gap.scene
+    past, roles = gap.passed_contact, obstacle_count(scene)
+    # The first contact of those who pass lies at d or later: no start is open after one.
+    contact = past.sample - d if past.sample < NO_CONTACT else NO_CONTACT
+    role = roles + len(scene.leader_a) - gap.passed + past.follower if past.sample < NO_CONTACT else -1
+    charged = float(own.av_before[d]), float(own.hv_before[d])
+    return Before(*charged, own.hv_passed[d:], latest - d, contact, role)

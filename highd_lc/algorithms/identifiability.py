@@ -17,6 +17,7 @@ from highd_lc.algorithms.least_squares import STARTS, curvature, descend
 from highd_lc.algorithms.screening import screen
 from highd_lc.core.car_following import FollowingTrack
 from highd_lc.core.car_following_kernel import FitProblem
+from highd_lc.core.drive import UNBOUNDED
 from highd_lc.vocab.fit_tables import BELIEVED, NOT_IDENTIFIABLE, WEAK
 from highd_lc.vocab.lcm_parameters import PARAMETERS
 from highd_lc.vocab.settings import CalibrateSettings
@@ -131,11 +132,12 @@ def identifiability(
     *,
     seeds: Sequence[int],
     repeats: int = 3,
+    hardest: float = UNBOUNDED,
 ) -> Identifiability:
     """Study fitted followers: their tracks, parameters (6,) and seeds, in the same order, at least one."""
     widths, opens, spreads, matrices = [], [], [], []
     for track, best, seed in zip(tracks, fits, seeds, strict=True):
-        problem, rng = pose(track, settings), np.random.default_rng(seed)
+        problem, rng = pose(track, settings, hardest=hardest), np.random.default_rng(seed)
         profiles = [profile(problem, best, j, rng=rng) for j in range(len(PARAMETERS))]
         low, high = (np.array([getattr(p, end) for p in profiles]) for end in ("low", "high"))
         widths.append((high - low) / (problem.upper - problem.lower))

@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from highd_lc.core.drive import hardest_braking
 from highd_lc.core.ellipse import semi_axes
 from highd_lc.core.losses import follower_weights
 from highd_lc.vocab import names
@@ -32,7 +33,8 @@ class PackedScene(NamedTuple):
     parameters (p, 6), first_L: L of the first follower while it is behind the target leader. origin_follower: x,
     y, v, length, a, b, or empty. av_parameters (6,). weights (p,). from_crossing: whether the first follower
     follows the AV only from the crossing. after_lcm: the AV's drive after T. counts_handover: whether the step of
-    the AV's command onto that drive, from 0, is charged.
+    the AV's command onto that drive, from 0, is charged. hardest: bound of everybody's commanded braking [m/s^2].
+    asks_all: whether contacts between the others count as well.
     """
 
     v0: float
@@ -63,6 +65,8 @@ class PackedScene(NamedTuple):
     from_crossing: bool
     after_lcm: bool
     counts_handover: bool
+    hardest: float
+    asks_all: bool
 
 
 def pack(scene: Scene, settings: ValidateSettings) -> PackedScene:
@@ -103,6 +107,8 @@ def pack(scene: Scene, settings: ValidateSettings) -> PackedScene:
         from_crossing=settings.planner.leader_from == "crossing",
         after_lcm=settings.planner.after == "lcm",
         counts_handover=settings.loss.handover == "counted",
+        hardest=hardest_braking(settings.followers.b_max),
+        asks_all=settings.constraints.contacts == "all",
     )
 
 
@@ -125,6 +131,28 @@ def leaders_of(scene: Scene) -> dict[str, Motion]:
     later = [(names.target_leader(k + 2), one.motion) for k, one in enumerate(scene.next_leaders)]
     leaders = [(names.ORIGIN_LEADER, scene.origin_leader), *later, (names.TARGET_LEADER, scene.target_leader)]
     return {role: motion for role, motion in leaders if motion is not None}
+
+
+def obstacle_count(scene: PackedScene) -> int:
+    """How many obstacles the kernels number in a scene."""
+    return len(scene.leader_a) + len(scene.follower_x) + (1 if len(scene.origin_follower) else 0)
+
+
+def contact_words(roles: tuple[str, ...]) -> tuple[str, ...]:
+    """What stands in a candidate's way, by the kernels' numbers: ellipses, then who drives through whom.
+
+    With R roles: r: the AV's ellipse and that of r; R + r: r through the vehicle before it on the target lane;
+    2 R + r: r through the AV; 3 R + r: the AV through r. roles: see ``obstacle_roles``.
+    """
+    before = dict(zip(_lane_of(roles)[1:], _lane_of(roles), strict=False))
+    pairs = [(role, before.get(role, role)) for role in roles]
+    pairs += [(role, names.EGO) for role in roles] + [(names.EGO, role) for role in roles]
+    return (*(f"clearance_{role}" for role in roles), *(f"contact_{names.through(*pair)}" for pair in pairs))
+
+
+def _lane_of(roles: tuple[str, ...]) -> list[str]:
+    """The roles on the target lane, foremost first."""
+    return [role for role in roles if role not in (names.ORIGIN_LEADER, names.ORIGIN_FOLLOWER)]
 
 
 def _axes(length: float, width: float, paper: bool) -> tuple[float, float]:

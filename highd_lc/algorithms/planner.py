@@ -7,9 +7,9 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from highd_lc.algorithms import dynamics
+from highd_lc.algorithms import dynamics, scoring
 from highd_lc.algorithms.candidates import LossTerms, loss_terms
-from highd_lc.algorithms.packing import PackedScene, obstacle_roles, pack
+from highd_lc.algorithms.packing import PackedScene, contact_words, obstacle_roles, pack
 from highd_lc.algorithms.pool import Goal, Pool, Task
 from highd_lc.algorithms.replay import (
     AvMotion,
@@ -29,6 +29,7 @@ from highd_lc.vocab.scene import Scene
 from highd_lc.vocab.settings import ValidateSettings
 
 FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
 
 CONSTANT_T = 5.5
 """Duration of the reference that changes lane at constant speed [s] (SPEC section 6)."""
@@ -48,7 +49,7 @@ class Plan:
     quintic: the plan, None for policies that follow no quintic and for infeasible ones. n: samples of T. replay:
     what happens, None if infeasible. rejected_by: rejected candidates by constraint; margins: in the
     constraint's unit, of the plan or, when infeasible, the closest of any candidate. delay_s: from t_start to the
-    start of the quintic [s]; gap: where the AV goes.
+    start of the quintic [s]; gap: where the AV goes. contact: who drives through whom (``names.through``), or "".
     """
 
     policy: str
@@ -62,6 +63,7 @@ class Plan:
     margins: dict[str, float] = field(default_factory=dict)
     delay_s: float = 0.0
     gap: str = names.RECORDED_GAP
+    contact: str = ""
 
     @property
     def at_bound(self) -> list[str]:
@@ -183,17 +185,27 @@ def reference_plans(problem: PlanningProblem, policy: str) -> list[Plan]:
         motion = human_margins(problem)
     else:
         played = stay(problem)
+    met = {accounting: contact_of(problem, policy, played, accounting) for accounting in names.ACCOUNTINGS}
     return [
         Plan(
             policy,
             accounting,
-            names.REFERENCE,
+            names.CONTACT if met[accounting] else names.REFERENCE,
             quintic,
             played,
             margins=motion | plan_margins(problem, quintic, played, accounting),
+            contact=met[accounting],
         )
         for accounting in names.ACCOUNTINGS
     ]
+
+
+def contact_of(problem: PlanningProblem, policy: str, played: Replay, accounting: str) -> str:
+    """Who drives through whom in a policy's replay over the accounted time (``scoring.first_contact``), or ""."""
+    _, last = scoring.charged_samples(accounting, played.av.n, len(played.av.x) - 1)
+    joins = policy != names.NO_LANE_CHANGE
+    origin = problem.scene.origin_leader
+    return scoring.first_contact(played, problem.packed, joins=joins, last=last, origin_leader=origin)
 
 
 def stay(problem: PlanningProblem) -> Replay:
@@ -267,9 +279,17 @@ def rejections(
     """
     kept = pool.violation == 0
     touched = kept & ~pool.feasible(accounting)
-    roles = np.bincount(pool.role[touched], minlength=len(problem.roles))
-    touching = {f"clearance_{role}": int(c) for role, c in zip(problem.roles, roles, strict=True)}
-    return sum(nominal.values()) + int(kept.sum()), nominal | touching
+    return sum(nominal.values()) + int(kept.sum()), nominal | contacts_met(problem, pool.role[touched])
+
+
+def contacts_met(problem: PlanningProblem, met: IntArray) -> dict[str, int]:
+    """How often each contact stands among the candidates' (see ``packing.contact_words``), ellipses first.
+
+    Who drives through whom is named only where somebody does.
+    """
+    words = contact_words(problem.roles)
+    counts = np.bincount(met, minlength=len(words)).tolist()
+    return {word: c for i, (word, c) in enumerate(zip(words, counts, strict=True)) if c or i < len(problem.roles)}
 
 
 def clearance_margins(problem: PlanningProblem, played: Replay, accounting: str) -> dict[str, float]:

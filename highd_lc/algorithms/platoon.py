@@ -11,7 +11,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from highd_lc.core.lcm import lcm_acceleration
+from highd_lc.core.drive import UNBOUNDED, advance, lcm_command
 from highd_lc.vocab.errors import ShapeError
 
 FloatArray = NDArray[np.float64]
@@ -83,18 +83,21 @@ def equal_drivers(
     )
 
 
-def drive_platoon(start: PlatoonStart, lead: Lead, *, dt: float, held: int = 0, every: int = 1) -> Platoon:
+def drive_platoon(
+    start: PlatoonStart, lead: Lead, *, dt: float, held: int = 0, every: int = 1, hardest: float = UNBOUNDED
+) -> Platoon:
     """Drive the platoon behind the lead over all of its instants.
 
     dt [s]; held: first instant at which they drive by LCM, before it everybody keeps the speed; every: keep each
-    that many-th instant only (for thousands of followers).
+    that many-th instant only (for thousands of followers). hardest: bound of commanded braking [m/s^2, positive].
     """
     if lead.front.shape != lead.v.shape or every < 1:
         raise ShapeError(f"Lead.v has shape {lead.v.shape}, front has {lead.front.shape}; every = {every}")
     p, kept = len(start.front), (len(lead.front) - 1) // every + 1
     front, v, a = (np.empty((kept, p)) for _ in range(3))
     parameters = np.ascontiguousarray(start.parameters.T)
-    _drive(start.front.copy(), start.v.copy(), parameters, lead.front, lead.v, dt, held, every, front, v, a)
+    state = start.front.copy(), start.v.copy()
+    _drive(*state, parameters, lead.front, lead.v, dt, hardest, held, every, front, v, a)
     seen = Lead(lead.front[::every], lead.v[::every], lead.length)
     return Platoon(np.arange(kept, dtype=np.float64) * (every * dt), front.T, v.T, a.T, start.length, seen)
 
@@ -107,6 +110,7 @@ def _drive(
     lead_front: FloatArray,
     lead_v: FloatArray,
     dt: float,
+    hardest: float,
     held: int,
     every: int,
     out_x: FloatArray,
@@ -129,14 +133,15 @@ def _drive(
             for i in range(1, p):
                 spacing[i], ahead_v[i] = x[i - 1] - x[i], v[i - 1]
             for i in range(p):
-                a[i] = lcm_acceleration(v[i], spacing[i], ahead_v[i], v_desire[i], A[i], b[i], B[i], tau[i], L[i])
+                a[i] = lcm_command(
+                    v[i], spacing[i], ahead_v[i], v_desire[i], A[i], b[i], B[i], tau[i], L[i], hardest
+                )
         if k % every == 0:
             row = k // every
             for i in range(p):
                 out_x[row, i], out_v[row, i], out_a[row, i] = x[i], v[i], a[i]
         for i in range(p):
-            v[i] = max(0.0, v[i] + a[i] * dt)
-            x[i] += v[i] * dt
+            x[i], v[i] = advance(x[i], v[i], a[i], dt)
 
 
 def spacings(platoon: Platoon) -> FloatArray:

@@ -35,7 +35,7 @@ class Pool:
     """All simulated candidates, each array of shape (M,).
 
     n: samples of T; delta [m], change [m/s]: see ``candidates.evaluate``; av_T, av_H, hv_T, hv_H: losses
-    charged to T and to H; contact: first sample of contact; role: with whom; violation: code of ``dynamics``.
+    charged to T and to H; contact: first sample of contact; role: which; violation: code of ``dynamics``.
     """
 
     n: IntArray
@@ -115,13 +115,16 @@ class Before(NamedTuple):
     """What a manoeuvre that starts later inherits: losses of the AV and the followers charged before its start.
 
     hv_passed: loss charged to the followers ahead of the gap, over 0 .. k of the manoeuvre's samples, shape
-    (N + 1,). latest: the longest duration that ends in time [samples].
+    (N + 1,). latest: the longest duration that ends in time [samples]. contact, role: first contact among the
+    vehicles ahead of the gap, in samples of the manoeuvre, and which (see ``packing.contact_words``).
     """
 
     av: float
     hv: float
     hv_passed: FloatArray
     latest: int
+    contact: int = NO_CONTACT
+    role: int = -1
 
 
 NOTHING_BEFORE: Final = Before(0.0, 0.0, np.zeros(1), 0)
@@ -194,4 +197,6 @@ class Task:
             hv_T=pool.hv_T + before.hv + before.hv_passed[pool.n],
             hv_H=pool.hv_H + before.hv + before.hv_passed[-1],
             violation=np.where(overtakes, OVERTAKES, pool.violation),
+            contact=np.minimum(pool.contact, before.contact),
+            role=np.where(before.contact < pool.contact, before.role, pool.role),
         )

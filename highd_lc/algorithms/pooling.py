@@ -18,6 +18,7 @@ from highd_lc.algorithms.prior import Prior, penalised, pool_of
 from highd_lc.algorithms.screening import screen
 from highd_lc.core.car_following import FollowingTrack, objectives_of
 from highd_lc.core.car_following_kernel import FitProblem
+from highd_lc.core.drive import UNBOUNDED
 from highd_lc.vocab.settings import CalibrateSettings
 
 FloatArray = NDArray[np.float64]
@@ -58,11 +59,18 @@ class PoolingStudy:
 
 
 def study_pooling(
-    tracks: Sequence[FollowingTrack], settings: CalibrateSettings, *, rng: np.random.Generator
+    tracks: Sequence[FollowingTrack],
+    settings: CalibrateSettings,
+    *,
+    rng: np.random.Generator,
+    hardest: float = UNBOUNDED,
 ) -> PoolingStudy:
-    """Compare the strengths on at least two tracks; a follower is never part of the pool that it is drawn to."""
+    """Compare the strengths on at least two tracks; a follower is never part of the pool that it is drawn to.
+
+    hardest: bound of the simulated drivers' braking [m/s^2, positive].
+    """
     parts = [split(track) for track in tracks]
-    problems = [pose(first, settings) for first, _ in parts]
+    problems = [pose(first, settings, hardest=hardest) for first, _ in parts]
     streams = rng.spawn(len(tracks))
     starts = [screen(p, r, count=_SCREENED, keep=_STARTS) for p, r in zip(problems, streams, strict=True)]
     own = np.array([_best(problem, start) for problem, start in zip(problems, starts, strict=True)])
@@ -71,7 +79,7 @@ def study_pooling(
     for i, (_, held_out) in enumerate(parts):
         prior = pool_of(own[fold != fold[i]], 0.0)
         drawn = [_drawn(problems[i], starts[i], prior, own[i], strength) for strength in STRENGTHS]
-        judge = pose(held_out, CalibrateSettings(delay=settings.delay))
+        judge = pose(held_out, CalibrateSettings(delay=settings.delay), hardest=hardest)
         errors[i] = objectives_of(judge, np.array(drawn).T)
     return _judge(errors, fold)
 

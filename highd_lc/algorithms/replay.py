@@ -7,8 +7,8 @@ from numba import njit
 from numpy.typing import NDArray
 
 from highd_lc.algorithms.packing import PackedScene
+from highd_lc.core.drive import advance, drive_behind, lcm_command, lcm_step
 from highd_lc.core.ellipse import ellipse_clearance
-from highd_lc.core.lcm import lcm_acceleration
 from highd_lc.core.quintic import Quintic, sample
 from highd_lc.vocab.lcm_parameters import TABLE3_MEANS
 from highd_lc.vocab.scene import Human
@@ -141,16 +141,15 @@ def drive_on(
     for k in range(n, len(x)):
         command = 0.0
         if scene.after_lcm:
-            gap = scene.target_front[k] - x[k] - half
-            command = lcm_acceleration(vx[k], gap, scene.target_v[k], v_desire, A, b, B, tau, L)
+            spacing = scene.target_front[k] - x[k] - half
+            command = lcm_command(vx[k], spacing, scene.target_v[k], v_desire, A, b, B, tau, L, scene.hardest)
         ax[k] = command
         if k > n:
             jerk[k] = abs(command - ax[k - 1]) / dt
         if k == n + 1 and scene.counts_handover:
             jerk[k] += abs(ax[n]) / dt
         if k + 1 < len(x):
-            vx[k + 1] = max(0.0, vx[k] + command * dt)
-            x[k + 1] = x[k] + vx[k + 1] * dt
+            x[k + 1], vx[k + 1] = advance(x[k], vx[k], command, dt)
             y[k + 1] = y[k]
 
 
@@ -179,12 +178,13 @@ def follow(
             v_desire, A, b, B, tau, L = scene.parameters[i]
             if i == 0 and k < insertion:
                 L = scene.first_L
-            front = x[i, k] + scene.follower_length[i] / 2.0
-            a[i, k] = lcm_acceleration(v[i, k], ahead_front - front, ahead_v, v_desire, A, b, B, tau, L)
-            ahead_front, ahead_v = front, v[i, k]
+            half = scene.follower_length[i] / 2.0
+            a[i, k], later, faster = lcm_step(
+                x[i, k], v[i, k], ahead_front - half, ahead_v, v_desire, A, b, B, tau, L, scene.hardest, dt
+            )
+            ahead_front, ahead_v = x[i, k] + half, v[i, k]
             if k + 1 < samples:
-                v[i, k + 1] = max(0.0, v[i, k] + a[i, k] * dt)
-                x[i, k + 1] = x[i, k] + v[i, k + 1] * dt
+                x[i, k + 1], v[i, k + 1] = later, faster
 
 
 @njit(cache=True, nogil=True)
@@ -226,13 +226,10 @@ def origin_follower_motion(
     av_front: FloatArray, av_v: FloatArray, crossing: int, scene: PackedScene
 ) -> FloatArray:
     """Box centre [m] of the origin follower, behind the AV by LCM (Table 3 means) until the crossing."""
-    v_desire, A, b, B, tau, L = _OTHERS
-    x = np.empty(crossing + 1)
-    x[0], v = scene.origin_follower[0], scene.origin_follower[2]
-    for k in range(crossing):
-        spacing = av_front[k] - x[k] - scene.origin_follower[3] / 2.0
-        v = max(0.0, v + lcm_acceleration(v, spacing, av_v[k], v_desire, A, b, B, tau, L) * scene.dt)
-        x[k + 1] = x[k] + v * scene.dt
+    x0, _, v, length = scene.origin_follower[:4]
+    half, seen = length / 2.0, slice(0, crossing + 1)
+    front, _ = drive_behind(x0 + half, v, av_front[seen], av_v[seen], _OTHERS, scene.hardest, scene.dt)
+    x: FloatArray = front - half
     return x
 
 

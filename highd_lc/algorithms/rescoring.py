@@ -13,35 +13,49 @@ from numba import njit
 from numpy.typing import NDArray
 
 from highd_lc.algorithms.candidates import LossTerms
+from highd_lc.algorithms.contacts import NO_CONTACT
 from highd_lc.algorithms.packing import PackedScene
 from highd_lc.algorithms.replay import AvMotion, Entry
-from highd_lc.core.idm import MOTORWAY, IdmParameters, idm_acceleration
-from highd_lc.core.lcm import lcm_acceleration
+from highd_lc.core.drive import idm_step, lcm_step
+from highd_lc.core.idm import MOTORWAY, IdmParameters
 from highd_lc.core.losses import cumulative_comfort, cumulative_efficiency
 from highd_lc.core.unaliased import UNALIASED
 from highd_lc.vocab.lcm_parameters import REPLAY_L_BOUNDS
 
 FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
 
 
 @dataclass(frozen=True)
 class Charged:
-    """A side's loss charged to T and to H, shape (K,): one value a set of drivers."""
+    """A side's loss charged to T and to H, shape (K,): one value a set of drivers.
+
+    contact: first sample at which somebody on the target lane is past the rear bumper of the vehicle ahead, shape
+    (K,); NO_CONTACT if nobody ever is, or if only the AV's contacts are asked for. n: sample of T.
+    """
 
     to_T: FloatArray
     to_H: FloatArray
+    contact: IntArray
+    n: int
+
+    def touches(self, *, to_T: bool) -> NDArray[np.bool_]:
+        """Which sets of drivers come to a contact up to T, or up to H; shape (K,)."""
+        return self.contact <= (self.n if to_T else NO_CONTACT - 1)
 
 
 class Joining(NamedTuple):
     """Where the AV joins the chain of the followers.
 
     follower: who has it ahead (-1: none of them) from the sample ``since`` on; uncounted: sample at which the step
-    of that one's command is not charged (-1: none). target_front [m], target_v [m/s]: of the target leader.
+    of that one's command is not charged (-1: none). crossing: sample from which the AV is on the lane.
+    target_front [m], target_v [m/s]: of the target leader.
     """
 
     follower: int
     since: int
     uncounted: int
+    crossing: int
     target_front: FloatArray
     target_v: FloatArray
 
@@ -50,9 +64,10 @@ def joining(av: AvMotion, scene: PackedScene, entry: Entry | None) -> Joining:
     """How the AV of a replay joins. entry: as in ``Replay``."""
     crossing = av.crossing if scene.from_crossing else 0
     if entry is None:
-        return Joining(0, crossing, -1, scene.target_front, scene.target_v)
+        return Joining(0, crossing, -1, av.crossing, scene.target_front, scene.target_v)
     handed = -1 if entry.hand_over is None else entry.hand_over
-    return Joining(entry.place - 1, max(crossing, handed), handed, entry.target_front, entry.target_v)
+    since = max(crossing, handed)
+    return Joining(entry.place - 1, since, handed, av.crossing, entry.target_front, entry.target_v)
 
 
 def lcm_followers(
@@ -63,18 +78,13 @@ def lcm_followers(
     L of a follower behind the one before, or behind the AV, moves with its own L. entry: as in ``Replay``.
     """
     count = len(parameters)
-    out = Charged(np.zeros(count), np.zeros(count))
+    out = Charged(np.zeros(count), np.zeros(count), np.full(count, NO_CONTACT), av.n)
     joined = joining(av, scene, entry)
     drivers = np.ascontiguousarray(parameters.transpose(1, 2, 0)).reshape(len(scene.follower_x), -1)
     before, behind_av = _moved_lengths(parameters, scene, joined.follower)
-    _drive_lcm(
-        av.x + scene.length / 2.0, av.vx, joined, av.n, scene, terms, drivers, before, behind_av, *_ends(out)
-    )
+    ends = out.to_T, out.to_H, out.contact
+    _drive_lcm(av.x + scene.length / 2.0, av.vx, joined, av.n, scene, terms, drivers, before, behind_av, *ends)
     return out
-
-
-def _ends(charged: Charged) -> tuple[FloatArray, FloatArray]:
-    return charged.to_T, charged.to_H
 
 
 def _moved_lengths(parameters: FloatArray, scene: PackedScene, follower: int) -> tuple[FloatArray, FloatArray]:
@@ -93,8 +103,8 @@ def _moved_lengths(parameters: FloatArray, scene: PackedScene, follower: int) ->
 def idm_followers(av: AvMotion, scene: PackedScene, terms: LossTerms, entry: Entry | None = None) -> Charged:
     """The followers' aggregated loss if all of them drive by the IDM on a motorway; shape (1,)."""
     joined = joining(av, scene, entry)
-    to_T, to_H = _drive_idm(av.x + scene.length / 2.0, av.vx, joined, av.n, scene, terms, MOTORWAY)
-    return Charged(np.array([to_T]), np.array([to_H]))
+    to_T, to_H, contact = _drive_idm(av.x + scene.length / 2.0, av.vx, joined, av.n, scene, terms, MOTORWAY)
+    return Charged(np.array([to_T]), np.array([to_H]), np.array([contact]), av.n)
 
 
 def av_charged(av: AvMotion, terms: LossTerms) -> tuple[float, float]:
@@ -120,8 +130,11 @@ def _drive_lcm(
     behind_av_L: FloatArray,
     to_T: FloatArray,
     to_H: FloatArray,
+    contact: IntArray,
 ) -> None:
     """Add the loss of every follower to to_T and to_H (K,), all sets at once; conventions of ``replay.follow``.
+
+    contact (K,) is lowered to the first sample of a contact.
 
     drivers: shape (p, 6 K), parameter by parameter. Sets are innermost, so that LLVM vectorises the LCM.
     """
@@ -129,11 +142,13 @@ def _drive_lcm(
     front, speed = np.empty(samples * K), np.empty(samples * K)
     for k in range(samples):
         front[k * K : (k + 1) * K], speed[k * K : (k + 1) * K] = joined.target_front[k], joined.target_v[k]
+    rear = front - scene.target_length
     state = np.empty(5 * K)
     both_sides = 0.0 if terms.one_sided else 1.0
     for i in range(len(scene.follower_x)):
         ref, own, joins = terms.hv_ref[i], drivers[i], i == joined.follower
         if joins:
+            _enter(joined.crossing, av_front, scene.length, rear, contact)
             for k in range(joined.since, samples):
                 front[k * K : (k + 1) * K], speed[k * K : (k + 1) * K] = av_front[k], av_v[k]
         for w in range(K):
@@ -148,9 +163,10 @@ def _drive_lcm(
             counted = 0.0 if k == 0 or (joins and k == joined.uncounted) else terms.comfort / dt
             for w in range(K):
                 x, v = state[K + w], state[2 * K + w]
-                a = lcm_acceleration(
+                a, later, faster = lcm_step(
+                    x,
                     v,
-                    front[k * K + w] - x,
+                    front[k * K + w],
                     speed[k * K + w],
                     own[w],
                     own[K + w],
@@ -158,19 +174,44 @@ def _drive_lcm(
                     own[3 * K + w],
                     own[4 * K + w],
                     state[4 * K + w],
+                    scene.hardest,
+                    dt,
                 )
                 short = ref - v
                 state[w] += counted * abs(a - state[3 * K + w]) + terms.efficiency * max(
                     short, -both_sides * short
                 )
                 front[k * K + w], speed[k * K + w] = x, v
-                v = max(0.0, v + a * dt)
-                state[K + w], state[2 * K + w], state[3 * K + w] = x + v * dt, v, a
+                state[K + w], state[2 * K + w], state[3 * K + w] = later, faster, a
             if k == n:
                 for w in range(K):
                     to_T[w] += terms.weights[i] * state[w]
         for w in range(K):
             to_H[w] += terms.weights[i] * state[w]
+        _meet(front, rear, contact)
+        rear[:] = front - scene.follower_length[i]
+    if not scene.asks_all:
+        contact[:] = NO_CONTACT
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _enter(crossing: int, av_front: FloatArray, length: float, rear: FloatArray, contact: IntArray) -> None:
+    """The AV enters the lane at its crossing behind rear bumpers, flat (N + 1, K), which its own replaces."""
+    K = len(contact)
+    for k in range(crossing, len(av_front)):
+        for w in range(K):
+            if av_front[k] > rear[k * K + w]:
+                contact[w] = min(contact[w], k)
+            rear[k * K + w] = av_front[k] - length
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _meet(front: FloatArray, rear: FloatArray, contact: IntArray) -> None:
+    """Lower contact (K,) to the first sample at which a front is past the rear ahead; both flat (N + 1, K)."""
+    K = len(contact)
+    for at in range(len(front)):
+        if front[at] > rear[at]:
+            contact[at % K] = min(contact[at % K], at // K)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -182,19 +223,23 @@ def _drive_idm(
     scene: PackedScene,
     terms: LossTerms,
     driver: IdmParameters,
-) -> tuple[float, float]:
-    """The followers' loss to T and to H when all are the same IDM driver; conventions of ``replay.follow``."""
+) -> tuple[float, float, int]:
+    """The followers' loss to T and to H when all are the same IDM driver, and the first sample of a contact;
+    conventions of ``replay.follow``.
+    """
     dt, to_T, to_H = scene.dt, 0.0, 0.0
     front, speed = joined.target_front.copy(), joined.target_v.copy()
+    rear, contact = front - scene.target_length, np.full(1, NO_CONTACT)
     for i in range(len(scene.follower_x)):
         joins = i == joined.follower
         if joins:
+            _enter(joined.crossing, av_front, scene.length, rear, contact)
             front[joined.since :], speed[joined.since :] = av_front[joined.since :], av_v[joined.since :]
         x, v = scene.follower_x[i] + scene.follower_length[i] / 2.0, scene.follower_v[i]
         ahead, before, loss = scene.target_length if i == 0 else scene.follower_length[i - 1], 0.0, 0.0
         for k in range(len(av_v)):
             length = scene.length if joins and k >= joined.since else ahead
-            a = idm_acceleration(v, front[k] - length - x, speed[k], driver)
+            a, later, faster = idm_step(x, v, front[k] - length, speed[k], driver, scene.hardest, dt)
             short = terms.hv_ref[i] - v
             loss += terms.efficiency * (max(short, 0.0) if terms.one_sided else abs(short))
             if k > 0 and not (joins and k == joined.uncounted):
@@ -202,7 +247,8 @@ def _drive_idm(
             if k == n:
                 to_T += terms.weights[i] * loss
             front[k], speed[k], before = x, v, a
-            v = max(0.0, v + a * dt)
-            x += v * dt
+            x, v = later, faster
         to_H += terms.weights[i] * loss
-    return to_T, to_H
+        _meet(front, rear, contact)
+        rear[:] = front - scene.follower_length[i]
+    return to_T, to_H, contact[0] if scene.asks_all else NO_CONTACT

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from highd_lc.algorithms.platoon import NO_LEADER, Lead, Platoon, PlatoonStart, drive_platoon, equal_drivers
+from highd_lc.core.drive import hardest_braking
 from highd_lc.vocab.lcm_parameters import SIMULATION
 from highd_lc.vocab.scenarios import PlatoonSettings, ScenarioOptions, ScenarioSettings, VehicleSettings
 from highd_lc.vocab.scene import Followers, Human, Motion, Scene
@@ -95,7 +96,8 @@ def _approach(
         length=vehicle.length_m,
     )
     lead = steady_lead(leader, speed, instants=instants, dt=dt, length=vehicle.length_m)
-    return drive_platoon(start, lead, dt=dt, held=instants if options.pre_phase == "hold" else 0)
+    held = instants if options.pre_phase == "hold" else 0
+    return drive_platoon(start, lead, dt=dt, held=held, hardest=hardest_braking(options.b_max))
 
 
 def steady_lead(front: float, v: float, *, instants: int, dt: float, length: float) -> Lead:

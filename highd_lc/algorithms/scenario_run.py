@@ -20,6 +20,7 @@ from highd_lc.algorithms.pool import Goal, Pool
 from highd_lc.algorithms.replay import Replay, plan_motion, replay
 from highd_lc.algorithms.scenario import Situation, scene_of, steady_lead
 from highd_lc.algorithms.search import search
+from highd_lc.core.drive import hardest_braking
 from highd_lc.core.edie import clip_to_rectangle, edie, trajectories_of
 from highd_lc.core.losses import command_jerk, cumulative_comfort
 from highd_lc.core.quintic import Quintic, sample
@@ -131,7 +132,7 @@ def drive_behind(posed: Situation, lead: Lead, *, followers: int | None = None) 
     start = posed.start
     if followers is not None:
         start = type(start)(*(getattr(start, f)[:followers] for f in ("front", "v", "length", "parameters")))
-    return drive_platoon(start, lead, dt=posed.vehicle.dt_s)
+    return drive_platoon(start, lead, dt=posed.vehicle.dt_s, hardest=hardest_braking(posed.options.b_max))
 
 
 def no_lane_change(posed: Situation, *, followers: int | None = None) -> Platoon:

@@ -12,6 +12,7 @@ from highd_lc.algorithms.planner import (
     PlanningProblem,
     clearance_margins,
     closest_margins,
+    contacts_met,
     goals,
     infeasible_at_start,
     overlap_at_start,
@@ -140,10 +141,9 @@ def _rejections(
     touched = np.concatenate(
         [pool.role[(pool.violation == 0) & ~pool.feasible(accounting)] for pool in pools.values()]
     )
-    by_role = np.bincount(touched, minlength=len(posed.problem.roles))
     overtaking = sum(int((pool.violation == OVERTAKES).sum()) for pool in pools.values())
-    touching = {f"clearance_{role}": int(c) for role, c in zip(posed.problem.roles, by_role, strict=True)}
-    return sum(nominal.values()) + kept, nominal | {OVERTAKES_LEADER: overtaking} | touching
+    met = contacts_met(posed.problem, touched)
+    return sum(nominal.values()) + kept, nominal | {OVERTAKES_LEADER: overtaking} | met
 
 
 def key_of(posed: StartProblem, gap: str, delay_s: float) -> Key:

@@ -30,6 +30,7 @@ from highd_lc.algorithms.traffic_state import (
     Traffic,
     empty_traffic,
 )
+from highd_lc.core.drive import advance
 
 _LANE_CHANGE_FROM = 150.0  # nobody changes lane in the first metres after the entry [m]
 _GENTLE_BRAKING = 0.5  # at most this much braking is asked of a vehicle as it enters [m/s^2]
@@ -170,8 +171,7 @@ def _move(traffic: Traffic, road: Road, time: float, dt: float) -> None:
     for k in range(traffic.counts[0]):
         vehicle = traffic.order[k]
         me = traffic.vehicles[vehicle]
-        me.v = max(me.v + me.a * dt, 0.0)
-        me.x += me.v * dt
+        me.x, me.v = advance(me.x, me.v, me.a, dt)
         if me.moving:
             follow_path(me, road, time + dt)
         if me.x <= road.section + road.downstream:

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from highd_lc.algorithms import rescoring
+from highd_lc.algorithms.contacts import NO_CONTACT
 from highd_lc.algorithms.planner import Plan, PlanningProblem
 from highd_lc.algorithms.rescoring import Charged
 from highd_lc.algorithms.sampling import event_generator, parameter_draws
@@ -58,7 +59,7 @@ def rescore(problem: PlanningProblem, plan: Plan, draws: FloatArray) -> Charged:
     """Followers' loss under each draw while the AV keeps to a plan made without knowing it; shape (K,)."""
     if plan.replay is None:
         nothing = np.full(len(draws), np.nan)
-        return Charged(nothing, nothing)
+        return Charged(nothing, nothing, np.full(len(draws), NO_CONTACT), 0)
     return rescoring.lcm_followers(plan.replay.av, problem.packed, problem.terms, draws, plan.replay.entry)
 
 

@@ -10,6 +10,7 @@ change without delay (SPEC section 4); those of the other followers are.
 """
 
 from dataclasses import dataclass
+from typing import Final, NamedTuple
 
 import numpy as np
 from numba import njit
@@ -32,7 +33,8 @@ class Waiting:
 
     av: its motion (n = 0). x, v, a: of the p followers behind the target leader, shape (p, N + 1): box centre [m],
     speed [m/s], commanded acceleration [m/s^2]. origin_x, origin_v: of the origin follower behind the AV, shape
-    (N + 1,), or empty. contact: first sample at which the AV's ellipse overlaps another's; NO_CONTACT if none.
+    (N + 1,), or empty. contact: first sample at which the AV's ellipse overlaps another's, or a follower has
+    driven through the vehicle ahead; NO_CONTACT if none.
     """
 
     av: AvMotion
@@ -42,6 +44,18 @@ class Waiting:
     origin_x: FloatArray
     origin_v: FloatArray
     contact: int
+
+
+class ChainContact(NamedTuple):
+    """First sample at which one of the followers, undisturbed, has driven through the vehicle ahead, and which one
+    (0 = nearest to the AV).
+    """
+
+    sample: int
+    follower: int
+
+
+NEVER: Final = ChainContact(NO_CONTACT, -1)
 
 
 @dataclass(frozen=True)
@@ -72,7 +86,20 @@ def wait(scene: Scene, packed: PackedScene, *, behind_leader: bool) -> Waiting:
     if len(packed.origin_follower):
         origin_x = origin_follower_motion(av.x + packed.length / 2.0, av.vx, samples - 1, packed)
         origin_v = np.append(packed.origin_follower[2], np.diff(origin_x) / packed.dt)
-    return Waiting(av, x, v, a, origin_x, origin_v, int(_first_contact(av.x, x, origin_x, packed)))
+    contact = min(int(_first_contact(av.x, x, origin_x, packed)), chain_contact(x, packed).sample)
+    return Waiting(av, x, v, a, origin_x, origin_v, contact)
+
+
+def chain_contact(x: FloatArray, packed: PackedScene) -> ChainContact:
+    """The first contact of the nearest q followers, box centres x (q, N + 1) [m], behind the target leader."""
+    if not packed.asks_all:
+        return NEVER
+    half = packed.follower_length[: len(x), None] / 2.0
+    rears = np.vstack([packed.target_front - packed.target_length, x - half])
+    through = x + half > rears[:-1]
+    samples = np.where(through.any(axis=1), through.argmax(axis=1), NO_CONTACT)
+    first = int(np.argmin(samples))
+    return ChainContact(int(samples[first]), first) if samples[first] < NO_CONTACT else NEVER
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

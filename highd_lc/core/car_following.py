@@ -24,6 +24,7 @@ from highd_lc.core.car_following_kernel import (
     simulate_closed_loop,
 )
 from highd_lc.core.car_following_kernel import TIME_STEP as TIME_STEP  # part of what this module offers
+from highd_lc.core.drive import UNBOUNDED
 
 FloatArray = NDArray[np.float64]
 
@@ -62,23 +63,35 @@ class Simulation:
 
 
 def fit_problem(
-    track: FollowingTrack, lower: FloatArray, upper: FloatArray, *, open_loop: bool = False, delayed: bool = False
+    track: FollowingTrack,
+    lower: FloatArray,
+    upper: FloatArray,
+    *,
+    open_loop: bool = False,
+    delayed: bool = False,
+    hardest: float = UNBOUNDED,
 ) -> FitProblem:
-    """The fit of a track within bounds (6,), without a penalty.
+    """The fit of a track within bounds (6,), without a penalty. hardest: bound of commanded braking [m/s^2].
 
     A sum that is zero (a follower that stands, or never accelerates) gives an infinite weight: see to it before.
     """
     sums = np.array([np.sum(track.spacing**2), np.sum(track.v**2), np.sum(np.abs(track.a))])
     with np.errstate(divide="ignore"):
         weights = 1.0 / sums
-    return FitProblem(track.as_array(), open_loop, delayed, weights, lower, upper, np.zeros(6), np.zeros(6))
+    nothing = np.zeros(6)
+    return FitProblem(track.as_array(), open_loop, delayed, hardest, weights, lower, upper, nothing, nothing)
 
 
-def simulate(track: FollowingTrack, parameters: FloatArray, *, delayed: bool = False) -> Simulation:
-    """Drive the follower behind its recorded leader with parameters (6,); shapes and units of the track."""
+def simulate(
+    track: FollowingTrack, parameters: FloatArray, *, delayed: bool = False, hardest: float = UNBOUNDED
+) -> Simulation:
+    """Drive the follower behind its recorded leader with parameters (6,); shapes and units of the track.
+
+    hardest: bound of commanded braking [m/s^2, positive].
+    """
     scratch, states = new_scratch(len(track.x))
     load_tile(parameters[:, None], 0, 1, scratch)
-    simulate_closed_loop(track.as_array(), 1, delayed, scratch, states)
+    simulate_closed_loop(track.as_array(), 1, delayed, hardest, scratch, states)
     lane = states.reshape(-1, SIMULATED, LANES)[: len(track.x), :, 0]
     return Simulation(lane[:, SIM_V].copy(), lane[:, SIM_X].copy(), lane[:, SIM_A].copy())
 
@@ -91,9 +104,11 @@ def objectives_of(problem: FitProblem, parameters: FloatArray) -> FloatArray:
     return objectives
 
 
-def open_loop_objective(track: FollowingTrack, parameters: FloatArray, *, delayed: bool = False) -> float:
+def open_loop_objective(
+    track: FollowingTrack, parameters: FloatArray, *, delayed: bool = False, hardest: float = UNBOUNDED
+) -> float:
     """The paper's J of parameters (6,); NaN if the follower never accelerates."""
     if not np.any(track.a):
         return float("nan")
-    problem = fit_problem(track, parameters, parameters, open_loop=True, delayed=delayed)
+    problem = fit_problem(track, parameters, parameters, open_loop=True, delayed=delayed, hardest=hardest)
     return float(objectives_of(problem, parameters[:, None])[0])

@@ -11,6 +11,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from highd_lc.core.drive import advance, bounded
 from highd_lc.core.exponential import vector_exp
 from highd_lc.core.unaliased import UNALIASED
 
@@ -38,14 +39,16 @@ class FitProblem(NamedTuple):
     """What a candidate is judged by; a named tuple so that compiled code can take it.
 
     track: rows of ``core.car_following.FollowingTrack.as_array``, shape (5, K). open_loop: the paper's objective
-    instead of the closed loop. delayed: the command is applied tau later (equation 10 as printed). weights:
-    reciprocals of sum s^2, sum v^2 and sum |a_obs|, shape (3,). lower, upper: bounds of parameters, shape (6,).
+    instead of the closed loop. delayed: the command is applied tau later (equation 10 as printed). hardest: bound
+    of commanded braking [m/s^2, positive], infinite = none. weights: reciprocals of sum s^2, sum v^2 and
+    sum |a_obs|, shape (3,). lower, upper: bounds of parameters, shape (6,).
     A penalty sum_j strength_j (p_j - centre_j)^2 is added to the objective; centre, strength: shape (6,).
     """
 
     track: FloatArray
     open_loop: bool
     delayed: bool
+    hardest: float
     weights: FloatArray
     lower: FloatArray
     upper: FloatArray
@@ -81,14 +84,15 @@ def _command(
     half_inverse_B: float,
     tau: float,
     L: float,
+    hardest: float,
 ) -> float:
     """Acceleration commanded by the LCM (equations 10 and 11).
 
-    The same as ``core.lcm.lcm_acceleration`` with the divisions by parameters turned into products.
+    The same as ``core.drive.lcm_command`` with the divisions by parameters turned into products.
     """
     wanted = v * (v * half_inverse_b + tau) - leader_v * leader_v * half_inverse_B + L
     exponent = min(max(1.0 - spacing / max(wanted, L), -700.0), 40.0)
-    return A * (1.0 - v * inverse_v_desire - vector_exp(exponent))
+    return bounded(A * (1.0 - v * inverse_v_desire - vector_exp(exponent)), hardest)
 
 
 @njit(cache=True, nogil=True, fastmath={"contract"}, error_model="numpy", **UNALIASED)
@@ -107,7 +111,7 @@ def _delay_commands(k: int, width: int, scratch: FloatArray, states: FloatArray)
 
 @njit(cache=True, nogil=True, fastmath={"contract"}, error_model="numpy", **UNALIASED)
 def simulate_closed_loop(
-    track: FloatArray, width: int, delayed: bool, scratch: FloatArray, states: FloatArray
+    track: FloatArray, width: int, delayed: bool, hardest: float, scratch: FloatArray, states: FloatArray
 ) -> None:
     """Drive the candidates of a loaded tile behind the recorded leader; sums of squared errors into scratch.
 
@@ -139,24 +143,26 @@ def simulate_closed_loop(
                 scratch[_HALF_INVERSE_B * LANES + i],
                 scratch[_TAU * LANES + i],
                 scratch[_L * LANES + i],
+                hardest,
             )
             states[now + SIM_COMMAND * LANES + i] = a
             states[now + SIM_A * LANES + i] = a
-            v = max(v + a * TIME_STEP, 0.0)
+            x, v = advance(x, v, a, TIME_STEP)
             states[now + _NEXT + SIM_V * LANES + i] = v
-            states[now + _NEXT + SIM_X * LANES + i] = x + v * TIME_STEP
+            states[now + _NEXT + SIM_X * LANES + i] = x
         if delayed:
             _delay_commands(k, width, scratch, states)
             for i in range(width):
                 a = states[now + SIM_A * LANES + i]
-                v = max(states[now + SIM_V * LANES + i] + a * TIME_STEP, 0.0)
+                x, v = states[now + SIM_X * LANES + i], states[now + SIM_V * LANES + i]
+                x, v = advance(x, v, a, TIME_STEP)
                 states[now + _NEXT + SIM_V * LANES + i] = v
-                states[now + _NEXT + SIM_X * LANES + i] = states[now + SIM_X * LANES + i] + v * TIME_STEP
+                states[now + _NEXT + SIM_X * LANES + i] = x
 
 
 @njit(cache=True, nogil=True, fastmath={"contract"}, error_model="numpy", **UNALIASED)
 def simulate_open_loop(
-    track: FloatArray, width: int, delayed: bool, scratch: FloatArray, states: FloatArray
+    track: FloatArray, width: int, delayed: bool, hardest: float, scratch: FloatArray, states: FloatArray
 ) -> None:
     """Command of the candidates of a loaded tile at every recorded state; weighted error sum into scratch.
 
@@ -182,6 +188,7 @@ def simulate_open_loop(
                 scratch[_HALF_INVERSE_B * LANES + i],
                 scratch[_TAU * LANES + i],
                 scratch[_L * LANES + i],
+                hardest,
             )
             states[now + SIM_COMMAND * LANES + i] = a
             states[now + SIM_A * LANES + i] = a
@@ -205,9 +212,9 @@ def evaluate_tile(
     """Objective of candidates first .. first + width (at most LANES) of parameters (6, n) into objectives (n,)."""
     load_tile(parameters, first, width, scratch)
     if problem.open_loop:
-        simulate_open_loop(problem.track, width, problem.delayed, scratch, states)
+        simulate_open_loop(problem.track, width, problem.delayed, problem.hardest, scratch, states)
     else:
-        simulate_closed_loop(problem.track, width, problem.delayed, scratch, states)
+        simulate_closed_loop(problem.track, width, problem.delayed, problem.hardest, scratch, states)
     for i in range(width):
         error_1, error_2 = scratch[ERROR_1 * LANES + i], scratch[ERROR_2 * LANES + i]
         if problem.open_loop:

@@ -27,11 +27,13 @@ def gain_columns(pair: pd.DataFrame, statistics: StatisticsSettings, *, seed: in
     """The columns that every table of gains shares.
 
     pair: one row an event, with recording_id and av_1, hv_1 (local optimum), av_0, hv_0 (benchmark); NaN where
-    there is no plan.
+    there is no plan; contact: whether somebody drives through another under either, as far as it has that column.
     """
     recordings = pair["recording_id"].to_numpy()
     sides = {name: pair[name].to_numpy(float) for name in ("av_1", "hv_1", "av_0", "hv_0")}
+    # A loss that stands beside a contact is that of the drivers who come to none (draws).
     solved = ~np.isnan(sum(sides.values()))
+    contact = pair["contact"].to_numpy(bool) if "contact" in pair else np.zeros(len(pair), bool)
     av_1, hv_1, av_0, hv_0 = (values[solved] for values in sides.values())
     local, benchmark = av_1 + hv_1, av_0 + hv_0
     bootstrap = Bootstrap(statistics.bootstrap, statistics.confidence, seed)
@@ -40,7 +42,8 @@ def gain_columns(pair: pd.DataFrame, statistics: StatisticsSettings, *, seed: in
     return {
         "n_events": len(pair),
         "n_recordings": len(np.unique(recordings)),
-        "infeasible": int((~solved).sum()),
+        "infeasible": int((~solved & ~contact).sum()),
+        "contacts": int(contact.sum()),
         "total_benchmark": float(benchmark.sum()),
         "total_local": float(local.sum()),
         "gain": _gain(local.sum(), benchmark.sum()),
@@ -69,7 +72,7 @@ def _pairs(losses: PolicyLosses) -> Iterator[tuple[Row, pd.DataFrame]]:
             if not pair.empty:
                 columns = {f"{side}_{k}": pair[f"loss_{side}_{k}"] for side in _SIDES for k in (1, 0)}
                 each = {f"each_{k}": pair[f"loss_hv_each_{k}"] for k in (1, 0)}
-                about = {"recording_id": pair["recording_id_1"]}
+                about = {"recording_id": pair["recording_id_1"], "contact": pair["contact"]}
                 yield {"form": form, "accounting": accounting}, pd.DataFrame(about | columns | each)
 
 
@@ -103,7 +106,9 @@ def _scored_pair(one: pd.DataFrame, other: pd.DataFrame, scored: str, followers:
         for k, frame in ((1, one), (0, other))
         for side, name in zip(_SIDES, (av, hv), strict=True)
     }
-    return pd.DataFrame({"recording_id": one["recording_id"]} | columns)
+    end = "T" if scored == names.PAPER else "H"
+    met = [frame[f"contacts_to_{end}_{followers}"].reindex(one.index) > 0 for frame in (one, other)]
+    return pd.DataFrame({"recording_id": one["recording_id"], "contact": met[0] | met[1]} | columns)
 
 
 def gain_map(

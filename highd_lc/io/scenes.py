@@ -12,6 +12,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from highd_lc.algorithms.track_index import unbroken
+from highd_lc.core.drive import UNBOUNDED, drive_behind
 from highd_lc.core.kinematics import local_polynomial
 from highd_lc.core.lcm import moved_behind
 from highd_lc.core.losses import command_jerk
@@ -214,8 +215,8 @@ def _predicted(motion: Motion, *, free_road: bool) -> Motion:
     samples = len(motion.x)
     v = np.full(samples, motion.v[0])
     if free_road:
-        for k in range(samples - 1):
-            v[k + 1] = v[k] + TABLE3_MEANS.A * (1.0 - v[k] / TABLE3_MEANS.v_desire) * TIME_STEP
+        nobody, driver = (np.full(samples, np.inf), np.zeros(samples)), TABLE3_MEANS.as_array()
+        _, v = drive_behind(0.0, float(motion.v[0]), *nobody, driver, UNBOUNDED, TIME_STEP)
     x = motion.x[0] + np.concatenate([[0.0], np.cumsum(v[1:])]) * TIME_STEP
     a = np.gradient(v, TIME_STEP)
     return Motion(x, np.full(samples, motion.y[0]), v, a, motion.length, motion.width, observed=1)

@@ -65,6 +65,7 @@ _QUANTITIES = (
 _CELL_COLUMNS = (
     "recording_id_1",
     "somebody_worse",
+    "contact",
     *(f"loss_{side}_{k}" for side in ("total", "hv", "av") for k in (1, 0)),
 )
 _SPACINGS = ((0, 15), (15, 30), (30, 60), (60, np.inf))
@@ -148,11 +149,15 @@ class PolicyLosses:
         return pd.DataFrame(columns=self._columns) if found is None else found
 
     def pair(self, accounting: str, policy: str, against: str) -> pd.DataFrame:
-        """The losses of both policies side by side, suffixes _1 (policy) and _0 (against)."""
+        """The losses of both policies side by side, suffixes _1 (policy) and _0 (against).
+
+        contact: whether somebody drives through another under either of them.
+        """
         one, other = self.of(accounting, policy), self.of(accounting, against)
         if one.empty or other.empty:
             return pd.DataFrame()
-        return one.add_suffix("_1").join(other.add_suffix("_0"), how="inner")
+        pair = one.add_suffix("_1").join(other.add_suffix("_0"), how="inner")
+        return pair.assign(contact=pair["contact_1"].ne("") | pair["contact_0"].ne(""))
 
 
 def validation_matrix(
@@ -214,7 +219,9 @@ def _padded(lists: pd.Series) -> FloatArray:
 
 
 def _cell(pair: pd.DataFrame, bootstrap: Bootstrap, band: float) -> dict[str, Any]:
-    solved = pair[pair["loss_total_1"].notna().to_numpy() & pair["loss_total_0"].notna().to_numpy()]
+    both = pair["loss_total_1"].notna().to_numpy() & pair["loss_total_0"].notna().to_numpy()
+    contact = pair["contact"].to_numpy(bool)
+    solved = pair[both & ~contact]
     local, benchmark = solved["loss_total_1"].to_numpy(), solved["loss_total_0"].to_numpy()
     relative = local / benchmark - 1.0
     recordings = solved["recording_id_1"].to_numpy()
@@ -236,7 +243,8 @@ def _cell(pair: pd.DataFrame, bootstrap: Bootstrap, band: float) -> dict[str, An
         "share_better": better,
         "share_worse": worse,
         "share_worst_follower_worse": float(solved["somebody_worse"].mean()) if len(solved) else np.nan,
-        "infeasible": len(pair) - len(solved),
+        "infeasible": int((~both & ~contact).sum()),
+        "contacts": int(contact.sum()),
     }
 
 
@@ -273,7 +281,11 @@ def summarise_losses(losses: PolicyLosses, settings: StatisticsSettings, *, seed
 
 
 def _differences(pair: pd.DataFrame, bootstrap: Bootstrap, band: float) -> Iterator[dict[str, Any]]:
-    for quantity in _QUANTITIES if not pair.empty else ():
+    if pair.empty:
+        return
+    contacts = int(pair["contact"].sum())
+    pair = pair[~pair["contact"].to_numpy(bool)]
+    for quantity in _QUANTITIES:
         one, other = (pair[f"{quantity}_{k}"].to_numpy(float) for k in (1, 0))
         both = ~(np.isnan(one) | np.isnan(other))
         if not both.any():
@@ -286,6 +298,7 @@ def _differences(pair: pd.DataFrame, bootstrap: Bootstrap, band: float) -> Itera
         yield {
             "quantity": quantity,
             "n": len(difference),
+            "contacts": contacts,
             "mean": float(one.mean()),
             "mean_against": float(other.mean()),
             "ratio_of_sums": _ratio(one, other),

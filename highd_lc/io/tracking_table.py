@@ -37,6 +37,7 @@ def _figures(found: pd.DataFrame) -> dict[str, Any]:
         "max_lateral_m": float(driven["max_lateral_m"].max()),
         **{name: float(driven[name].mean()) for name in _LOSSES},
         "share_violating": _share(len(broken) > 0 for broken in lists),
+        "contacts": int(driven["contact"].ne("").sum()),
         "share_touching": _share(any(name.startswith("clearance_") for name in broken) for broken in lists),
         "share_touching_planned": _share(driven["min_clearance_planned_m"] < 0.0),
     }

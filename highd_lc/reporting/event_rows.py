@@ -80,11 +80,18 @@ def _loss_row(report: EventReport, row: Row, halves: list[float] | None, longest
     return {
         "policy": row["policy"],
         "label": labels.POLICIES[row["policy"]].label,
-        "status": labels.STATUSES[plan["status"]] if plan else "",
+        "status": _why_none(row, plan),
         "cells": [row[name] for name in LOSS_COLUMNS],
         "each": padded,
         "bars": bars,
     }
+
+
+def _why_none(row: Row, plan: Row | None) -> str:
+    """Why a policy has no loss: who drives through whom, or the status of its plan."""
+    if row.get("contact"):
+        return labels.through(row["contact"])
+    return labels.STATUSES[plan["status"]] if plan else ""
 
 
 def weights(report: EventReport) -> list[float]:
@@ -100,7 +107,9 @@ def _length(value: Any) -> int:
 def model_error(report: EventReport) -> dict[str, Any] | None:
     """Recorded against simulated followers of the human, beside what the local optimum changes."""
     human = report.loss(names.HUMAN)
-    if human is None or html.is_missing(human["loss_hv_recorded"]) or not human["recorded_n_samples"]:
+    if human is None or not human["recorded_n_samples"]:
+        return None
+    if html.is_missing(human["loss_hv_recorded"]) or html.is_missing(human["loss_hv_simulated"]):
         return None
     local, benchmark = report.loss(names.LOCAL_OPTIMUM), report.loss(names.BENCHMARK)
     effect = None if local is None or benchmark is None else local["loss_hv"] - benchmark["loss_hv"]
@@ -133,6 +142,8 @@ def _remarks(row: Row) -> list[str]:
     remarks = []
     if row["policy"] in names.START_POLICIES + names.FREE_START_POLICIES and not is_infeasible(row):
         remarks.append(_start(row))
+    if row.get("contact"):
+        remarks.append(labels.through(row["contact"]))
     if _length(row["violations"]):
         remarks.append("violates " + ", ".join(constraint(name) for name in row["violations"]))
     if _length(row["at_bound"]):
@@ -196,6 +207,8 @@ def constraint(name: str) -> str:
     kind, _, rest = name.partition("_")
     if kind == "clearance":
         return f"clearance to {labels.role(rest)}"
+    if kind == "contact":
+        return labels.through(rest)
     if rest in _AXES:
         return f"{_AXES[rest]} {kind}"
     return name.replace("_", " ")

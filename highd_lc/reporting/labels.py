@@ -64,6 +64,7 @@ FORMS: Final = {
 STATUSES: Final = {
     names.SOLVED: "solved",
     names.REFERENCE: "reference",
+    names.CONTACT: "contact",
     names.INFEASIBLE: "infeasible",
     names.INFEASIBLE_AT_START: "infeasible at start",
 }
@@ -174,6 +175,11 @@ def gap(name: str) -> str:
     if name.startswith("behind_"):
         return f"behind {role(name.removeprefix('behind_'))}"
     return {names.RECORDED_GAP: "the recorded gap"}.get(name, name.replace("_", " "))
+
+
+def through(pair: str) -> str:
+    """A contact as a reader says it: "HV 2 drives through HV 1" (see ``names.through``)."""
+    return " drives through ".join(map(role, pair.split("_through_")))
 
 
 def role(name: str) -> str:

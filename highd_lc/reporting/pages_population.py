@@ -19,6 +19,7 @@ _MATRIX_COLUMNS: Final = (
     Column("accounting_label", "Accounting"),
     Column("n_events", "Events", digits=0),
     Column("infeasible", "Infeasible", digits=0),
+    Column("contacts", "Contacts", digits=0),
     Column("total_benchmark", "Loss, benchmark", digits=1),
     Column("total_local", "Loss, local", digits=1),
     Column("gain", "Gain", **_PERCENT),

@@ -56,6 +56,7 @@ def _percent(name: str, title: str, digits: int = 2) -> Column:
 _GAINS: Final = (
     Column("n_events", "Events", digits=0),
     Column("infeasible", "Infeasible", digits=0),
+    Column("contacts", "Contacts", digits=0),
     _percent("gain", "Gain"),
     _percent("gain_low", "from"),
     _percent("gain_high", "to"),

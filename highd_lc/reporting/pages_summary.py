@@ -164,6 +164,7 @@ _MAP_COLUMNS: Final = (
     Column("n_events", "Events", digits=0),
     Column("share_events", "Share of events", "%", 1, 100.0),
     Column("infeasible", "Infeasible", digits=0),
+    Column("contacts", "Contacts", digits=0),
     Column("gain", "Gain", "%", 2, 100.0),
     Column("gain_low", "from", "%", 2, 100.0),
     Column("gain_high", "to", "%", 2, 100.0),

@@ -109,7 +109,7 @@ def _cell(run: RunTables, form: str, accounting: str) -> Any:
 
 
 def _solved(cell: Any) -> int:
-    return int(cell.n_events - cell.infeasible)
+    return int(cell.n_events - cell.infeasible - cell.contacts)
 
 
 def _count(n: int, word: str) -> str:
@@ -166,8 +166,12 @@ def _sample(run: RunTables, cell: Any) -> str:
 
 
 def _infeasible(cell: Any) -> str:
-    if not cell.infeasible:
+    if not cell.infeasible + cell.contacts:
         return "Every event has a feasible plan of both policies."
+    if cell.contacts:
+        left = _count(int(cell.infeasible), "event")
+        met = _count(int(cell.contacts), "event")
+        return f"{left} without a feasible plan of both policies and {met} with a contact are left out."
     has, is_ = ("has", "is") if cell.infeasible == 1 else ("have", "are")
     return f"{_count(int(cell.infeasible), 'event')} {has} no feasible plan of both policies and {is_} left out."
 

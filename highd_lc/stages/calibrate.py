@@ -10,6 +10,7 @@ from highd_lc.algorithms.calibration import FollowerFit, fit_follower, follower_
 from highd_lc.algorithms.fitted_drivers import EVERYBODY, FittedDrivers, pool_drivers, refit, with_parameters
 from highd_lc.algorithms.identifiability import Identifiability, identifiability
 from highd_lc.algorithms.pooling import PoolingStudy, study_pooling
+from highd_lc.core.drive import hardest_braking
 from highd_lc.core.lcm import moved_behind
 from highd_lc.io import artefacts, lcm_summary
 from highd_lc.io.follower_tracks import RecordedFollower, recorded_followers, track_of, track_row
@@ -33,11 +34,12 @@ def run(job: Job) -> JobReport:
     Who cannot be fitted carries the published means here; ``combine`` gives him a pool's driver.
     """
     fits, tracks = [], []
+    hardest = hardest_braking(job.settings.validation.followers.b_max)
     for follower in recorded_followers(job.work, job.recording):
         seed = follower_seed(job.settings.seed, follower.event_id, follower.rank)
         fit = unfitted(0, NO_LEADER)
         if follower.track is not None:
-            fit = fit_follower(follower.track, job.settings.calibrate, seed=seed)
+            fit = fit_follower(follower.track, job.settings.calibrate, seed=seed, hardest=hardest)
         about = {"event_id": follower.event_id, "recording_id": follower.recording_id, "follower": follower.rank}
         fits.append(about | _follower_row(follower, fit, job) | {"seed": seed})
         if not fit.reason and follower.track is not None:
@@ -99,7 +101,8 @@ def combine(combination: Combination) -> JobReport:
     identified, pooling = _studies(drivers, combination)
     if settings.pooling == "penalised" and fitted:
         best = 0.0 if pooling is None else pooling.best_strength
-        drawn = refit(drivers, settings, strength=settings.pooling_strength or best)
+        hardest = hardest_braking(combination.settings.validation.followers.b_max)
+        drawn = refit(drivers, settings, strength=settings.pooling_strength or best, hardest=hardest)
         drivers = with_parameters(drivers, drawn)
         _replace(fitted, drawn, lengths)
     _fill_pools(rows, fitted, drivers, combination, lengths)
@@ -142,12 +145,15 @@ def _studies(
 ) -> tuple[Identifiability | None, PoolingStudy | None]:
     """Identifiability and pooled fits on a seeded sample; None where the sample is too small."""
     settings, rng = combination.settings.calibrate, np.random.default_rng(combination.settings.seed)
+    hardest = hardest_braking(combination.settings.validation.followers.b_max)
     sample = drivers.take(drivers.sample(settings.study_sample, rng))
     identified = pooling = None
     if len(sample) >= 1:
-        identified = identifiability(sample.tracks, sample.parameters, settings, seeds=sample.seeds)
+        identified = identifiability(
+            sample.tracks, sample.parameters, settings, seeds=sample.seeds, hardest=hardest
+        )
     if len(sample) >= 2:
-        pooling = study_pooling(sample.tracks, settings, rng=rng)
+        pooling = study_pooling(sample.tracks, settings, rng=rng, hardest=hardest)
     return identified, pooling
 
 
@@ -168,9 +174,10 @@ def _fill_pools(
 ) -> None:
     """Give every unfitted row the common driver of its class, else of everybody, if there is one."""
     settings, rng = combination.settings.calibrate, np.random.default_rng(combination.settings.seed)
+    hardest = hardest_braking(combination.settings.validation.followers.b_max)
     elected = {
         pool: _driver_row(fitted[place], [row for row in fitted if pool in (EVERYBODY, row["class"])])
-        for pool, place in pool_drivers(drivers, settings, rng=rng).items()
+        for pool, place in pool_drivers(drivers, settings, rng=rng, hardest=hardest).items()
     }
     for row in rows:
         pool = row["class"] if row["class"] in elected else EVERYBODY

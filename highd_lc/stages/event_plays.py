@@ -50,7 +50,7 @@ def _accountings_of(plans: Iterable[Row]) -> dict[tuple[Any, ...], list[str]]:
         starts_at_once = row["delay_s"] == 0.0 and row["gap"] == names.RECORDED_GAP
         if row["policy"] in FORM_OF_START and starts_at_once:
             continue
-        if row["status"] in (names.SOLVED, names.REFERENCE):
+        if row["status"] in (names.SOLVED, names.REFERENCE, names.CONTACT):
             key = tuple(row[name] for name in ("policy", "T", "x_final", "v_end", "delay_s", "v_start", "gap"))
             groups.setdefault(key, []).append(row["accounting"])
     return groups

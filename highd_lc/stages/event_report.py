@@ -108,7 +108,7 @@ def event_report(event: Row, tables: RecordingTables, scene: Scene, settings: Va
         plans=of_event["plans"],
         losses=of_event["losses"],
         fits=of_event["followers"],
-        fit_traces=fit_traces(tracks, boxes, of_event["followers"]),
+        fit_traces=fit_traces(tracks, boxes, of_event["followers"], b_max=settings.followers.b_max),
         tracking=of_event["tracking"],
         track_traces=track_traces(problem, of_event["plans"]),
         surface=surface_of(problem, of_event["plans"]),

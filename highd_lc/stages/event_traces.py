@@ -13,6 +13,7 @@ from highd_lc.algorithms.surface import ON_SURFACE, SurfacePoint, loss_surface
 from highd_lc.algorithms.tracked_motion import plan_reference
 from highd_lc.algorithms.tracker import Controller, controller, errors_and_inputs
 from highd_lc.core.car_following import TIME_STEP, simulate
+from highd_lc.core.drive import hardest_braking
 from highd_lc.core.quintic import Quintic
 from highd_lc.reporting.event import Box, FitTrace, Row, Surface, TrackTrace
 from highd_lc.vocab import names
@@ -53,21 +54,24 @@ def _points(problem: PlanningProblem, plans: Iterable[Row]) -> Iterator[SurfaceP
             yield SurfacePoint(row["policy"], row["accounting"], row["T"], offset)
 
 
-def fit_traces(tracks: Tracks, boxes: Mapping[str, Box], fits: Iterable[Row]) -> dict[int, FitTrace]:
-    """Recorded against simulated car following of each fitted follower, by its rank."""
+def fit_traces(
+    tracks: Tracks, boxes: Mapping[str, Box], fits: Iterable[Row], *, b_max: float
+) -> dict[int, FitTrace]:
+    """Recorded against simulated car following of each fitted follower, by its rank. b_max: as in the settings."""
     return {
-        row["follower"]: _fit_trace(tracks, boxes, row) for row in fits if row["status"] == names.FITTED
+        row["follower"]: _fit_trace(tracks, boxes, row, b_max) for row in fits if row["status"] == names.FITTED
     }  # fmt: skip
 
 
-def _fit_trace(tracks: Tracks, boxes: Mapping[str, Box], fit: Row) -> FitTrace:
+def _fit_trace(tracks: Tracks, boxes: Mapping[str, Box], fit: Row, b_max: float) -> FitTrace:
     rank = fit["follower"]
     role = names.target_follower(rank)
     ahead = names.TARGET_LEADER if rank == 1 else names.target_follower(rank - 1)
     own, leader = tracks[role], tracks[ahead]
     follower = _recorded(own, own.calibration, boxes[role])
     recorded = following_track(follower, _recorded(leader, slice(None), boxes[ahead]))
-    simulated = simulate(recorded, np.array([fit[name] for name in PARAMETERS], dtype=float))
+    parameters = np.array([fit[name] for name in PARAMETERS], dtype=float)
+    simulated = simulate(recorded, parameters, hardest=hardest_braking(b_max))
     last = np.floor(min(follower.t[-1], leader.t[-1]) / TIME_STEP + 1e-6)
     return FitTrace(
         t=(last - np.arange(recorded.x.size)[::-1]) * TIME_STEP,

@@ -10,6 +10,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from highd_lc.core.car_following import TIME_STEP, simulate
+from highd_lc.core.drive import hardest_braking
 from highd_lc.io import artefacts
 from highd_lc.io.follower_tracks import track_of
 from highd_lc.reporting.event import FitTrace
@@ -35,12 +36,14 @@ _SAFE_STEP_M: Final = 0.1
 class Overview:
     """What the overview pages of a run are made from.
 
-    raw: recorded motion at full resolution; statistics: how the intervals and ties in the artefacts were made.
+    raw: recorded motion at full resolution; statistics: how the intervals and ties in the artefacts were made;
+    b_max: bound of the simulated followers' braking, as in the settings.
     """
 
     work: Path
     raw: bool
     statistics: StatisticsSettings
+    b_max: float
 
     def read(self, *tables: str, columns: list[str] | None = None) -> dict[str, pd.DataFrame]:
         """Finished artefacts by their names."""
@@ -120,7 +123,7 @@ def _dictionary(overview: Overview) -> str:
 
 
 def _calibration_page(overview: Overview) -> str:
-    return calibration_page(_calibration(overview.work, raw=overview.raw))
+    return calibration_page(_calibration(overview))
 
 
 _MAKERS: Final[Mapping[str, Callable[[Overview], str]]] = {
@@ -145,31 +148,33 @@ OVERVIEW_PAGES: Final = tuple(_MAKERS)
 """File names of the overview pages, the dearest first: made side by side, none is waited for at the end."""
 
 
-def _calibration(work: Path, *, raw: bool) -> CalibrationTables:
+def _calibration(overview: Overview) -> CalibrationTables:
+    work = overview.work
     followers = artefacts.read(work, "followers")
     return CalibrationTables(
         summary=artefacts.read(work, "summary_lcm"),
         followers=followers,
         identifiability=artefacts.read(work, "identifiability"),
         pooling=artefacts.read(work, "pooling"),
-        examples=tuple(_examples(work, followers, raw=raw)),
+        examples=tuple(_examples(overview, followers)),
     )
 
 
-def _examples(work: Path, followers: pd.DataFrame, *, raw: bool) -> Iterator[tuple[str, FitTrace]]:
+def _examples(overview: Overview, followers: pd.DataFrame) -> Iterator[tuple[str, FitTrace]]:
     """The fits with the smallest, the median and the largest objective."""
     fitted = followers[followers["status"] == names.FITTED].sort_values(["objective", "event_id", "follower"])
     for title, place in (("best", 0), ("median", len(fitted) // 2), ("worst", len(fitted) - 1)):
         if len(fitted):
             fit = fitted.iloc[place]
-            yield f"{title}: {fit['event_id']}, HV {fit['follower']}", _trace(work, fit, raw=raw)
+            yield f"{title}: {fit['event_id']}, HV {fit['follower']}", _trace(overview, fit)
 
 
-def _trace(work: Path, fit: pd.Series, *, raw: bool) -> FitTrace:
-    tracks = artefacts.read(work, "follower_tracks", recording=int(fit["recording_id"]))
+def _trace(overview: Overview, fit: pd.Series) -> FitTrace:
+    raw, hardest = overview.raw, hardest_braking(overview.b_max)
+    tracks = artefacts.read(overview.work, "follower_tracks", recording=int(fit["recording_id"]))
     chosen = tracks[(tracks["event_id"] == fit["event_id"]) & (tracks["follower"] == fit["follower"])]
     recorded = track_of(chosen.iloc[0])
-    simulated = simulate(recorded, fit[list(PARAMETERS)].to_numpy(float))
+    simulated = simulate(recorded, fit[list(PARAMETERS)].to_numpy(float), hardest=hardest)
     return FitTrace(
         t=TIME_STEP * np.arange(recorded.x.size),
         spacing_recorded=_safe(recorded.spacing, raw),

@@ -200,7 +200,7 @@ def combine(combination: Combination, *, request: ReportRequest, carry_out: Carr
     work, raw = combination.work, combination.settings.report.raw
     statistics = combination.settings.validation.statistics
     artefacts.concatenate(work, STAGE, "event_pages", combination.recordings, combination.provenance)
-    overview = Overview(work, raw, statistics)
+    overview = Overview(work, raw, statistics, combination.settings.validation.followers.b_max)
     made = carry_out([partial(page_of, name, overview) for name in OVERVIEW_PAGES])
     pages = dict(zip(OVERVIEW_PAGES, made, strict=True))
     scenarios = has_scenarios(request.reports)

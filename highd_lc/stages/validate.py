@@ -123,6 +123,7 @@ def _plan_row(problem: PlanningProblem, plan: Plan) -> Row:
         "min_clearance_m": _finite(min(clearances, default=np.nan)) if plan.replay else np.nan,
         "margins": {name: float(margin) for name, margin in plan.margins.items() if np.isfinite(margin)},
         "violations": _violated(plan),
+        "contact": plan.contact,
         "contact_after_T": None if plan.replay is None else bool((plan.replay.clearance_after_T < 0.0).any()),
         "braking_after_T": _braking_afterwards(plan),
         "start_acceleration_jump": problem.scene.a0,
@@ -166,7 +167,7 @@ def _at_bound(problem: PlanningProblem, plan: Plan) -> list[str]:
 
 
 def _violated(plan: Plan) -> list[str]:
-    if plan.status != names.REFERENCE:
+    if plan.status not in (names.REFERENCE, names.CONTACT):
         return []
     return [name for name, margin in plan.margins.items() if margin < 0.0]
 
@@ -200,7 +201,12 @@ class _Scores:
         return self.safe[key]
 
     def hv_unchanged(self, last: int) -> float:
-        """The followers' loss without a lane change, charged up to sample ``last``."""
+        """The followers' loss without a lane change, charged up to sample ``last``; NaN after a contact."""
+        unchanged, origin = self.unchanged, self.problem.scene.origin_leader
+        if scoring.first_contact(
+            unchanged.replay, self.problem.packed, joins=False, last=last, origin_leader=origin
+        ):
+            return np.nan
         losses = self.losses(self.unchanged.replay)
         both = losses.hv_comfort[:, last] + losses.hv_efficiency[:, last]
         return float(0.5 * self.problem.terms.weights @ both)
@@ -208,7 +214,7 @@ class _Scores:
 
 def _loss_row(problem: PlanningProblem, plan: Plan, scores: _Scores) -> Row:
     row = {"policy": plan.policy, "accounting": plan.accounting, "recorded_n_samples": 0, "follower_n_samples": 0}
-    row |= {"loss_hv_each": [], "follower_weights": []}
+    row |= {"loss_hv_each": [], "follower_weights": [], "contact": plan.contact}
     if plan.replay is None:
         return row
     dt, terms, settings = problem.scene.dt, problem.terms, problem.settings.loss
@@ -216,13 +222,17 @@ def _loss_row(problem: PlanningProblem, plan: Plan, scores: _Scores) -> Row:
     _, charged = scoring.charged_samples(plan.accounting, n, last)
     row["follower_n_samples"] = len(plan.replay.x) * (charged + 1)
     losses = scores.losses(plan.replay)
-    row |= scoring.losses_at(losses, plan.accounting, terms, n=n, dt=dt)
-    row["loss_hv_increment"] = row["loss_hv"] - scores.hv_unchanged(charged)
+    if not plan.contact:
+        # What a motion costs in which vehicles pass through one another is not a loss.
+        row |= scoring.losses_at(losses, plan.accounting, terms, n=n, dt=dt)
+        row["loss_hv_increment"] = row["loss_hv"] - scores.hv_unchanged(charged)
     if plan.policy == names.HUMAN:
         recorded = problem.scene.followers.recorded
         # Behind the recorded ego both: once it is out of view the simulated ones follow somebody else.
         both = min(charged, plan.replay.av.recorded)
         row |= scoring.recorded_loss(recorded, losses, terms, settings, last=both, dt=dt)
+        if plan.contact:
+            row["loss_hv_simulated"] = np.nan
         row["av_comfort_raw"] = problem.scene.human.comfort_raw / settings.comfort_scale
     row |= scores.safety(plan, charged)
     row["peak_follower_decel"] = scoring.peak_deceleration(plan.replay.a, charged)

@@ -19,7 +19,7 @@ from highd_lc.algorithms.variants import Losses, optima, with_horizon
 from highd_lc.io.statistics import PAIR_OF_FORM, PAIR_OF_START_FORM
 from highd_lc.vocab import names
 from highd_lc.vocab.settings import StudySettings
-from highd_lc.vocab.study_tables import IDM, KNOWLEDGE, LCM, LCM_DRAWN, OPTIMAL_POLICIES
+from highd_lc.vocab.study_tables import FOLLOWER_MODELS, IDM, KNOWLEDGE, LCM, LCM_DRAWN, OPTIMAL_POLICIES
 
 FloatArray = NDArray[np.float64]
 Row = dict[str, Any]
@@ -35,6 +35,8 @@ STUDY_TABLES = (
 )
 """The parts that are written for each recording."""
 PAIRS = PAIR_OF_FORM | PAIR_OF_START_FORM
+COUNTERPART = {one: other for pair in PAIRS.values() for one, other in (pair, pair[::-1])}
+"""The policy that each optimal one is compared with."""
 
 
 @dataclass(frozen=True)
@@ -124,24 +126,38 @@ def _foreseen(driven: Driven) -> Row:
 
 def cross_rows(study: Study) -> Iterator[Row]:
     """Rows of ``cross_losses``: every optimal plan charged to T and to H, with each model of the followers."""
-    idm: dict[int, tuple[float, float]] = {}
+    idm: dict[int, Charged] = {}
     for (policy, accounting), plan in study.optimal.items():
-        row: Row = {"policy": policy, "accounting": accounting}
+        row: Row = {"policy": policy, "accounting": accounting} | _NO_CONTACTS
         if plan.replay is not None:
             key = id(plan.replay)
             if key not in idm:
                 played, problem = plan.replay, study.problem
-                charged = rescoring.idm_followers(played.av, problem.packed, problem.terms, played.entry)
-                idm[key] = float(charged.to_T[0]), float(charged.to_H[0])
-            row |= _cross_columns(study.rescored[key], idm[key], study.av_losses[key])
+                idm[key] = rescoring.idm_followers(played.av, problem.packed, problem.terms, played.entry)
+            other = study.rescored[id(study.optimal[COUNTERPART[policy], accounting].replay)]
+            row |= _cross_columns(study.rescored[key], other, idm[key])
+            row |= {"av_to_T": study.av_losses[key][0], "av_to_H": study.av_losses[key][1]}
             row["contact_after_T"] = bool((plan.replay.clearance_after_T < 0.0).any())
         yield row
 
 
-def _cross_columns(lcm: Charged, idm: tuple[float, float], av: tuple[float, float]) -> Row:
-    row: Row = {"av_to_T": av[0], "av_to_H": av[1], f"hv_to_T_{IDM}": idm[0], f"hv_to_H_{IDM}": idm[1]}
-    for end, values in (("T", lcm.to_T), ("H", lcm.to_H)):
-        row |= {f"hv_to_{end}_{LCM}": float(values[0]), f"hv_to_{end}_{LCM_DRAWN}": float(values[1:].mean())}
+_NO_CONTACTS = {f"contacts_to_{end}_{model}": 0 for end in ("T", "H") for model in FOLLOWER_MODELS}
+
+
+def _cross_columns(lcm: Charged, other: Charged, idm: Charged) -> Row:
+    """Followers' losses by each model, those with a contact left out and counted.
+
+    other: of the policy that this one is compared with: a mean over draws is one over the same draws for both.
+    """
+    row: Row = {}
+    for end in ("T", "H"):
+        met = lcm.touches(to_T=end == "T")
+        shared = met | other.touches(to_T=end == "T")
+        models = ((LCM, lcm, met[:1], slice(0, 1)), (LCM_DRAWN, lcm, shared[1:], slice(1, None)))
+        for model, charged, left_out, drivers in (*models, (IDM, idm, idm.touches(to_T=end == "T"), slice(None))):
+            values = (charged.to_T if end == "T" else charged.to_H)[drivers][~left_out]
+            row[f"hv_to_{end}_{model}"] = float(values.mean()) if len(values) else np.nan
+            row[f"contacts_to_{end}_{model}"] = int(left_out.sum())
     return row
 
 
@@ -206,19 +222,22 @@ def _shares(gain: FloatArray, band: float) -> tuple[float, float]:
 
 def _kept_columns(study: Study, form: str, accounting: str) -> Row:
     """Gain of the plans made with the fitted parameters: under these, and under every draw."""
-    totals = []
+    totals, met = [], np.zeros(len(study.draws) + 1, bool)
     for policy in reversed(PAIRS[form]):
         key = id(study.optimal[policy, accounting].replay)
         av, hv = uncertainty.charged_by(accounting, study.av_losses[key], study.rescored[key])
+        met |= study.rescored[key].touches(to_T=accounting == names.PAPER)
         totals.append(av + hv)
     gain = uncertainty.relative_gain(*totals)
-    if not np.isfinite(gain).all():
-        return {"n_kept": 0}
-    better, worse = _shares(gain[1:], study.problem.settings.statistics.tie_band)
+    kept, contacts = gain[1:][~met[1:]], int(met[1:].sum())
+    if not np.isfinite(gain[0]) or not len(kept) or not np.isfinite(kept).all():
+        return {"n_kept": 0, "contacts": contacts}
+    better, worse = _shares(kept, study.problem.settings.statistics.tie_band)
     return {
         "gain": float(gain[0]),
-        "n_kept": len(gain) - 1,
-        "gain_kept_mean": float(gain[1:].mean()),
+        "n_kept": len(kept),
+        "contacts": contacts,
+        "gain_kept_mean": float(kept.mean()),
         "share_kept_better": better,
         "share_kept_worse": worse,
     }

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from highd_lc.algorithms.plan_tracking import DrivenPlan, PlanTracker
-from highd_lc.algorithms.planner import Plan
+from highd_lc.algorithms.planner import Plan, contact_of
 from highd_lc.algorithms.replay import Replay
 from highd_lc.algorithms.tracked_motion import planned_motion
 from highd_lc.vocab import names
@@ -40,7 +40,7 @@ def tracking_rows(tracker: PlanTracker, plans: Sequence[Plan], *, multi_body: bo
 def _row(tracker: PlanTracker, plan: Plan, plant: str) -> Row:
     """Without a plan, or with one that cannot be driven, the status alone: every number is missing, none is 0."""
     driven = tracker.drive(plan, plant)
-    row: Row = {"policy": plan.policy, "plant": plant, "status": plan.status}
+    row: Row = {"policy": plan.policy, "plant": plant, "status": plan.status, "contact": ""}
     if driven is None:
         return row
     row["status"] = driven.result.status
@@ -53,11 +53,13 @@ def _row(tracker: PlanTracker, plan: Plan, plant: str) -> Row:
 def _judged(tracker: PlanTracker, driven: DrivenPlan, tracked: Replay) -> Row:
     """Planned against tracked: losses and clearance."""
     plan, planned = driven.plan, driven.planned
+    met = contact_of(tracker.problem, plan.policy, tracked, plan.accounting)
     return {
         "loss_av_tracked": tracker.loss_av(driven.motion).loss,
         "loss_av_planned": tracker.loss_av(planned_motion(driven.reference)).loss,
-        "loss_hv_tracked": tracker.loss_hv(plan, tracked),
-        "loss_hv_planned": tracker.loss_hv(plan, planned),
+        "contact": met,
+        "loss_hv_tracked": np.nan if met else tracker.loss_hv(plan, tracked),
+        "loss_hv_planned": np.nan if plan.contact else tracker.loss_hv(plan, planned),
         "min_clearance_tracked_m": min(tracker.clearances(plan, tracked).values(), default=np.nan),
         "min_clearance_planned_m": min(tracker.clearances(plan, planned).values(), default=np.nan),
     }

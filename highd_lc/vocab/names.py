@@ -20,6 +20,11 @@ def target_leader(rank: int) -> str:
     return TARGET_LEADER if rank == 1 else f"{TARGET_LEADER}_{rank}"
 
 
+def through(follower: str, leader: str) -> str:
+    """A contact: the follower's front is past the rear bumper of its leader in the same lane. Both are roles."""
+    return f"{follower}_through_{leader}"
+
+
 # Policies (SPEC section 6).
 NO_LANE_CHANGE: Final = "no_lane_change"
 CONSTANT: Final = "constant"
@@ -70,7 +75,8 @@ SOLVED: Final = "solved"
 REFERENCE: Final = "reference"
 INFEASIBLE: Final = "infeasible"
 INFEASIBLE_AT_START: Final = "infeasible_at_start"
-PLAN_STATUSES: Final = (SOLVED, REFERENCE, INFEASIBLE, INFEASIBLE_AT_START)
+CONTACT: Final = "contact"
+PLAN_STATUSES: Final = (SOLVED, REFERENCE, CONTACT, INFEASIBLE, INFEASIBLE_AT_START)
 
 # Statuses of a fit of the LCM (DESIGN, followers.parquet).
 FITTED: Final = "fitted"

@@ -36,6 +36,10 @@ _OPTIONS = (
     word("leader_from", "from when HV_1 follows the AV", ("start", "crossing")),
     word("ellipse", "semi-axes of the safety ellipses", ("circumscribed", "paper")),
     count("planned_followers", "followers that the plan and the loss know"),
+    number(
+        "b_max", "hardest braking that any model may command; 0 = unbounded", "m/s^2", nullable=False, minimum=0
+    ),
+    word("contacts", "whose contacts a plan may not have: all vehicles', or the AV's", ("all", "av")),
 )
 _OUTCOME = (
     number("v_start", "speed of the AV at t_start", "m/s", nullable=False),

@@ -6,6 +6,7 @@ from pydantic import Field, ValidationError, model_validator
 
 from highd_lc.vocab.settings import (
     ConstraintSettings,
+    FollowerSettings,
     LossSettings,
     PlannerSettings,
     Section,
@@ -60,6 +61,14 @@ class ScenarioOptions(Section):
     planned_followers: Annotated[
         int, Field(ge=1, le=100, description="followers that the plan and the loss know (scenario 1 has 10)")
     ] = 10
+    b_max: Annotated[
+        float,
+        Field(ge=0, le=20, description="hardest braking that any model may command [m/s^2]; 0 = unbounded"),
+    ] = 9.0
+    contacts: Annotated[
+        Literal["all", "av"],
+        Field(description="all: nobody may drive through the vehicle ahead; av: only the AV's ellipse counts"),
+    ] = "all"
 
 
 class VehicleSettings(Section):
@@ -224,8 +233,9 @@ class ScenarioSettings(Section):
         return ValidateSettings(
             loss=LossSettings.model_validate(loss),
             constraints=ConstraintSettings.model_validate(
-                self.constraints.model_dump() | {"ellipse": options.ellipse}
+                self.constraints.model_dump() | {"ellipse": options.ellipse, "contacts": options.contacts}
             ),
+            followers=FollowerSettings(b_max=options.b_max),
             planner=PlannerSettings.model_validate(
                 self.planner.model_dump() | {"leader_from": options.leader_from}
             ),

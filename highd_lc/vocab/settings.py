@@ -180,6 +180,24 @@ class ConstraintSettings(Section):
         Literal["circumscribed", "paper"],
         Field(description="semi-axes: box over sqrt 2, or the paper's 2.5 m and 1.0 m"),
     ] = "circumscribed"
+    contacts: Annotated[
+        Literal["all", "av"],
+        Field(description="all: nobody may drive through the vehicle ahead; av: only the AV's ellipse counts"),
+    ] = "all"
+
+
+class FollowerSettings(Section):
+    """How everybody who follows by a model drives, in fits, plans and scores alike."""
+
+    b_max: Annotated[
+        float,
+        Field(
+            ge=0,
+            le=20,
+            description="hardest braking that any model may command [m/s^2]; 0 = unbounded "
+            "(Treiber and Kesting 2013: 9 on a dry road)",
+        ),
+    ] = 9.0
 
 
 class PlannerSettings(Section):
@@ -287,6 +305,7 @@ class ValidateSettings(Section):
 
     loss: LossSettings = LossSettings()
     constraints: ConstraintSettings = ConstraintSettings()
+    followers: FollowerSettings = FollowerSettings()
     planner: PlannerSettings = PlannerSettings()
     tracking: TrackingSettings = TrackingSettings()
     statistics: StatisticsSettings = StatisticsSettings()

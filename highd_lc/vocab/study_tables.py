@@ -35,6 +35,7 @@ _GAIN = (
     count("n_events", "events, infeasible ones included"),
     count("n_recordings", "recordings with such an event"),
     count("infeasible", "events without a feasible plan of either policy; not in the totals"),
+    count("contacts", "events in which somebody drives through another under either policy; not in the totals"),
     number("total_benchmark", "sum of loss_total under the benchmark"),
     number("total_local", "sum of loss_total under the local optimum"),
     number("gain", "1 - total_local / total_benchmark"),
@@ -72,6 +73,15 @@ CROSS_LOSSES = Table(
             )
             for end in ("T", "H")
         ),
+        *(
+            count(f"contacts_to_{end}_{model}", f"{meaning} up to {end}, whose loss is left out")
+            for model, meaning in (
+                (LCM, "1 = somebody drives through another"),
+                (IDM, "1 = somebody drives through another, by the IDM,"),
+                (LCM_DRAWN, "draws in which somebody does, under this policy or its counterpart,"),
+            )
+            for end in ("T", "H")
+        ),
         Column("contact_after_T", "bool", "whether ellipses overlap between T and H", "", True),
     ),
 )
@@ -86,7 +96,7 @@ CROSS_SCORES = Table(
         word("scored", "accounting under which they are scored", names.ACCOUNTINGS),
         word("followers", "who the followers are when the plans are scored", FOLLOWER_MODELS),
         *_GAIN,
-        count("touching", "events in which a plan touches somebody after T, within the scored time; counted in"),
+        count("touching", "events in which a plan's ellipse overlaps another after T, within the scored time"),
     ),
 )
 
@@ -222,6 +232,7 @@ UNCERTAINTY = Table(
         number("share_better", "share of these draws in which the local optimum's total is lower"),
         number("share_worse", "share of these draws in which it is higher"),
         count("n_kept", "draws under which the plans made with the fitted parameters are scored"),
+        count("contacts", "further draws under which somebody drives through another then: left out"),
         number("gain_kept_mean", "mean gain over those draws"),
         number("share_kept_better", "share of those draws in which the local optimum's total is lower"),
         number("share_kept_worse", "share of those draws in which it is higher"),
@@ -366,6 +377,9 @@ TRACKING_SUMMARY = Table(
             for motion in ("planned", "tracked")
         ),
         number("share_violating", "share of them whose tracked motion breaks a constraint", minimum=0, maximum=1),
+        count(
+            "contacts", "of the plans driven, those around whose tracked motion somebody drives through another"
+        ),
         number("share_touching", "share of them whose tracked ellipse touches another", minimum=0, maximum=1),
         number("share_touching_planned", "the same of the planned motion, at its samples", minimum=0, maximum=1),
     ),

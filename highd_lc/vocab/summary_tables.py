@@ -37,6 +37,9 @@ VALIDATION_MATRIX = Table(
             maximum=1,
         ),
         count("infeasible", "events without a feasible plan"),
+        count(
+            "contacts", "events in which somebody drives through another under either policy; not in the totals"
+        ),
     ),
 )
 
@@ -65,6 +68,7 @@ SUMMARY_LOSSES = Table(
         _ACCOUNTING,
         word("quantity", "column of losses that is compared"),
         count("n", "events with both policies feasible"),
+        count("contacts", "events in which somebody drives through another under either policy: left out"),
         number("mean", "mean of the policy"),
         number("mean_against", "mean of the other policy"),
         number("ratio_of_sums", "sum of the policy over sum of the other"),

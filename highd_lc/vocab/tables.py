@@ -262,6 +262,7 @@ PLANS = Table(
         _number("min_clearance_m", "smallest distance between ellipses over the accounted time", "m"),
         Column("margins", "map<string,float64>", "margin of each constraint; the closest one when infeasible"),
         Column("violations", "list<string>", "constraints that a reference policy violates"),
+        _word("contact", "who drives through whom, over the accounted time, as a_through_b; empty = nobody"),
         Column("contact_after_T", "bool", "whether ellipses overlap between T and H", "", True),
         _number(
             "braking_after_T", "strongest braking of the AV between T and H, positive; no limit holds it", "m/s²"
@@ -280,6 +281,7 @@ LOSSES = Table(
         _RECORDING,
         _POLICY,
         _ACCOUNTING,
+        _word("contact", "who drives through whom (see plans): there are no losses then; empty = nobody"),
         _number("loss_av", "0.5 av_comfort + 0.5 av_efficiency", minimum=0),
         _number("av_comfort", "AV's jerk sum over N_c", minimum=0),
         _number("av_efficiency", "AV's speed-difference sum over N_e", minimum=0),
@@ -327,6 +329,7 @@ TRACKING = Table(
         _POLICY,
         _word("plant", "kinematic bicycle or multi-body car", ("kinematic", "multi_body")),
         _word("status", "tracked, or why not"),
+        _word("contact", "who drives through whom around the tracked motion, 0..H; empty = nobody"),
         _number("rmse_lateral_m", "lateral tracking error", "m", minimum=0),
         _number("max_lateral_m", "largest lateral tracking error", "m", minimum=0),
         _number("rmse_longitudinal_m", "longitudinal tracking error", "m", minimum=0),
@@ -335,7 +338,11 @@ TRACKING = Table(
         Column("qp_failures", "int64", "control steps whose QP was not solved; null = not driven", "", True, 0),
         _number("loss_av_tracked", "AV's loss of the tracked motion over 0..T", minimum=0),
         _number("loss_av_planned", "AV's loss of the planned motion over the same samples", minimum=0),
-        _number("loss_hv_tracked", "followers' loss behind the tracked motion over 0..H", minimum=0),
+        _number(
+            "loss_hv_tracked",
+            "followers' loss behind the tracked motion over 0..H; null after a contact",
+            minimum=0,
+        ),
         _number("loss_hv_planned", "followers' loss behind the planned motion over 0..H", minimum=0),
         _number("min_clearance_tracked_m", "smallest ellipse distance around the tracked motion, 0..H", "m"),
         _number("min_clearance_planned_m", "smallest ellipse distance around the planned motion, 0..H", "m"),

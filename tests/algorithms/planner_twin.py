@@ -22,11 +22,13 @@ GOLDEN = 0.3819660112501051
 DIRECTIONS = 24
 
 
-def lcm(v: FloatArray, spacing: FloatArray, v_leader: FloatArray, parameters: FloatArray) -> FloatArray:
-    """Equations 10 and 11 with the floor; infinite spacing = free road."""
+def lcm(
+    v: FloatArray, spacing: FloatArray, v_leader: FloatArray, parameters: FloatArray, hardest: float
+) -> FloatArray:
+    """Equations 10 and 11 with the floor and bounded braking; infinite spacing = free road."""
     v_desire, A, b, B, tau, L = parameters
     wanted = np.maximum(v**2 / (2 * b) - v_leader**2 / (2 * B) + v * tau + L, L)
-    return A * (1 - v / v_desire - np.exp(1 - spacing / wanted))
+    return np.maximum(A * (1 - v / v_desire - np.exp(np.minimum(1 - spacing / wanted, 40))), -hardest)
 
 
 def evaluate(n: IntArray, delta: FloatArray, change: FloatArray, scene: PackedScene, terms: LossTerms) -> Outcomes:
@@ -36,7 +38,13 @@ def evaluate(n: IntArray, delta: FloatArray, change: FloatArray, scene: PackedSc
     x, vx, y, vy, av_T, av_H = _av(n, delta, change, scene, terms)
     front = x + scene.length / 2
     hv_T, hv_H, followers = _followers(n, front, vx, scene, terms)
-    contact, role = _contacts(n, (x, vx, y, vy), followers, scene)
+    firsts = _contacts(n, (x, vx, y, vy), followers, scene)
+    if scene.asks_all:
+        firsts |= _through(n, front, followers, scene)
+    contact, role = np.full(len(n), NO_CONTACT), np.full(len(n), -1)
+    for who in sorted(firsts, key=lambda code: _asked(code, scene)):
+        role = np.where(firsts[who] < contact, who, role)
+        contact = np.minimum(contact, firsts[who])
     return Outcomes(*(column.reshape(shape) for column in (av_T, av_H, hv_T, hv_H, contact, role)))
 
 
@@ -65,7 +73,8 @@ def _av(n: IntArray, delta: FloatArray, change: FloatArray, scene: PackedScene, 
         after = i >= n
         if scene.after_lcm:
             spacing = scene.target_front[i] - x[:, i] - scene.length / 2
-            a[:, i] = np.where(after, lcm(vx[:, i], spacing, scene.target_v[i], scene.av_parameters), 0.0)
+            command = lcm(vx[:, i], spacing, scene.target_v[i], scene.av_parameters, scene.hardest)
+            a[:, i] = np.where(after, command, 0.0)
         if i:
             jerk[:, i] = np.where(i > n, np.abs(a[:, i] - a[:, i - 1]) / scene.dt, jerk[:, i])
             if scene.counts_handover:
@@ -89,7 +98,7 @@ def _followers(n: IntArray, front: FloatArray, vx: FloatArray, scene: PackedScen
         half = scene.follower_length[i] / 2
         L = np.where(before & (i == 0), scene.first_L, parameters[5])
         start = scene.follower_x[i] + half, scene.follower_v[i]
-        ahead, ahead_v, a = _follow(ahead, ahead_v, start, (*parameters[:5], L), scene.dt)
+        ahead, ahead_v, a = _follow(ahead, ahead_v, start, (*parameters[:5], L), scene)
         jerk = np.abs(np.diff(a, axis=1, prepend=a[:, :1])) / scene.dt
         loss = terms.comfort * jerk + speed_loss(ahead_v, terms.hv_ref[i], terms)
         to_T, to_H = to_T + terms.weights[i] * charged(loss, n), to_H + terms.weights[i] * loss.sum(axis=1)
@@ -97,13 +106,14 @@ def _followers(n: IntArray, front: FloatArray, vx: FloatArray, scene: PackedScen
     return to_T, to_H, centres
 
 
-def _follow(ahead: FloatArray, ahead_v: FloatArray, start: tuple, parameters: tuple, dt: float) -> tuple:
+def _follow(ahead: FloatArray, ahead_v: FloatArray, start: tuple, parameters: tuple, scene: PackedScene) -> tuple:
     """Fronts, speeds and commands of a vehicle behind the given fronts and speeds; L may change in time."""
     front, v, a = (np.empty_like(ahead) for _ in range(3))
+    dt = scene.dt
     front[:, 0], v[:, 0] = start
     for k in range(ahead.shape[1]):
         L = parameters[5][:, k] if np.ndim(parameters[5]) else parameters[5]
-        a[:, k] = lcm(v[:, k], ahead[:, k] - front[:, k], ahead_v[:, k], (*parameters[:5], L))
+        a[:, k] = lcm(v[:, k], ahead[:, k] - front[:, k], ahead_v[:, k], (*parameters[:5], L), scene.hardest)
         if k + 1 < ahead.shape[1]:
             v[:, k + 1] = np.maximum(v[:, k] + a[:, k] * dt, 0.0)
             front[:, k + 1] = front[:, k] + v[:, k + 1] * dt
@@ -121,18 +131,25 @@ def _obstacles(n: IntArray, av: tuple, followers: list[FloatArray], scene: Packe
     if len(scene.origin_follower):
         x0, y0, v0, length, a, b = scene.origin_follower
         start = x0 + length / 2, v0
-        front, _, _ = _follow(x + scene.length / 2, vx, start, tuple(TABLE3_MEANS.as_array()), scene.dt)
+        front, _, _ = _follow(x + scene.length / 2, vx, start, tuple(TABLE3_MEANS.as_array()), scene)
         yield front - length / 2, y0, a, b, n // 2
 
 
-def _contacts(
-    n: IntArray, av: tuple, followers: list[FloatArray], scene: PackedScene
-) -> tuple[IntArray, IntArray]:
-    """First sample on the way to which the AV's ellipse meets another, and whose."""
+def _asked(code: int, scene: PackedScene) -> tuple[int, int]:
+    """When a contact is asked for, which decides between two at the same sample: vehicle by vehicle, foremost
+    first; of a follower, whom it drives through before its ellipse.
+    """
+    count = len(scene.leader_a) + len(scene.follower_x) + (len(scene.origin_follower) > 0)
+    kind, vehicle = divmod(code, count)
+    return vehicle, {0: 2, 1: 1, 2: 0, 3: 3}[kind]
+
+
+def _contacts(n: IntArray, av: tuple, followers: list[FloatArray], scene: PackedScene) -> dict[int, IntArray]:
+    """First sample on the way to which the AV's ellipse meets another, by whose it is."""
     x, vx, y, vy = av
     heading = np.where(vy == 0.0, 0.0, np.arctan2(vy, vx))
     r, k = scene.rear_to_centre, np.arange(x.shape[1])
-    contact, role = np.full(len(n), NO_CONTACT), np.full(len(n), -1)
+    firsts = {}
     for who, (other_x, other_y, a, b, last) in enumerate(_obstacles(n, av, followers, scene)):
         dx = other_x - x + r * (1 - np.cos(heading))
         dy = other_y - y - r * np.sin(heading)
@@ -144,9 +161,27 @@ def _contacts(
         met = swept_clearance(*way, heading[row, at], scene.a, scene.b, a, b) < 0.0
         first = np.full(len(n), NO_CONTACT)
         np.minimum.at(first, row[met], at[met])
-        role = np.where(first < contact, who, role)
-        contact = np.minimum(contact, first)
-    return contact, role
+        firsts[who] = first
+    return firsts
+
+
+def _through(
+    n: IntArray, front: FloatArray, followers: list[FloatArray], scene: PackedScene
+) -> dict[int, IntArray]:
+    """First sample at which a front is past the rear ahead of it, by the numbers of ``contact_words``."""
+    leaders, k = len(scene.leader_a), np.arange(front.shape[1])
+    count = leaders + len(followers) + (len(scene.origin_follower) > 0)
+    inside = k >= (n // 2)[:, None]
+    fronts = [x + length / 2 for x, length in zip(followers, scene.follower_length, strict=True)]
+    rear = scene.target_front - scene.target_length
+    pairs = [(3 * count + leaders - 1, rear, front, inside), (count + leaders, rear, fronts[0], ~inside)]
+    pairs.append((2 * count + leaders, front - scene.length, fronts[0], inside))
+    pairs += [
+        (count + leaders + i, fronts[i - 1] - scene.follower_length[i - 1], fronts[i], inside | True)
+        for i in range(1, len(fronts))
+    ]
+    past = {who: counts & (behind > rears) for who, rears, behind, counts in pairs}
+    return {who: np.where(at.any(axis=1), at.argmax(axis=1), NO_CONTACT) for who, at in past.items()}
 
 
 def swept_clearance(x0, y0, x1, y1, heading, a1, b1, a2, b2):

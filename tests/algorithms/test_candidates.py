@@ -8,7 +8,7 @@ import pytest
 from random_scenes import random_scene, task_of
 
 from highd_lc.algorithms.candidates import evaluate
-from highd_lc.algorithms.packing import obstacle_roles
+from highd_lc.algorithms.packing import contact_words, obstacle_roles
 from highd_lc.vocab import names
 from highd_lc.vocab.settings import ValidateSettings
 
@@ -31,6 +31,10 @@ def compared(scene, settings=None, seed=0):
     return evaluate(*arguments), planner_twin.evaluate(*arguments)
 
 
+def at_rest(motion, x):
+    return None if motion is None else replace(motion, x=np.full(len(motion.x), x), v=0.0 * motion.v)
+
+
 def check(found, wanted):
     for name in ("av_T", "av_H", "hv_T", "hv_H"):
         np.testing.assert_allclose(getattr(found, name), getattr(wanted, name), rtol=1e-10, err_msg=name)
@@ -51,13 +55,19 @@ def test_contacts_with_everybody_are_those_of_the_twin():
         scene = random_scene(np.random.default_rng(seed), p=2, crowding=3.0)
         # So much faster than the AV that the LCM cannot brake in time.
         rushing = replace(scene, followers=replace(scene.followers, v=scene.followers.v + np.array([18.0, 25.0])))
-        for one in (scene, rushing):
+        # A leader that stands just ahead of HV_1, while the AV is still beside it.
+        standing = replace(scene, target_leader=at_rest(scene.target_leader, scene.followers.x[0] + 9.0))
+        for one in (scene, rushing, standing):
             found, wanted = compared(one)
             np.testing.assert_array_equal(found.contact, wanted.contact)
             np.testing.assert_array_equal(found.role, wanted.role)
-            roles = obstacle_roles(one)
-            met |= {roles[i] for i in np.unique(found.role) if i >= 0}
-    assert met >= {names.ORIGIN_LEADER, names.TARGET_LEADER, names.target_follower(1), names.ORIGIN_FOLLOWER}
+            words = contact_words(obstacle_roles(one))
+            met |= {words[i] for i in np.unique(found.role) if i >= 0}
+    roles = (names.ORIGIN_LEADER, names.TARGET_LEADER, names.target_follower(1), names.ORIGIN_FOLLOWER)
+    assert met >= {f"clearance_{role}" for role in roles}
+    first, second = names.target_follower(1), names.target_follower(2)
+    pairs = ((second, first), (first, names.TARGET_LEADER), (names.EGO, names.TARGET_LEADER))
+    assert met >= {f"contact_{names.through(*pair)}" for pair in pairs}
 
 
 @pytest.mark.parametrize(
@@ -71,6 +81,9 @@ def test_contacts_with_everybody_are_those_of_the_twin():
         {"loss": {"handover": "counted"}},
         {"loss": {"comfort_scale": 3.0, "efficiency_scale": 25.0, "v_ref_av": 30.0, "v_ref_hv": 25.0}},
         {"constraints": {"ellipse": "paper"}},
+        {"constraints": {"contacts": "av"}},
+        {"followers": {"b_max": 0.0}},
+        {"followers": {"b_max": 3.0}, "planner": {"leader_from": "crossing"}},
     ],
     ids=lambda section: "-".join(f"{k}={v}" for fields in section.values() for k, v in fields.items()),
 )

@@ -29,7 +29,7 @@ def lcm(p, v, s, v_leader):
     if np.isinf(s):
         return p["A"] * (1 - v / p["v_desire"])
     wanted = max(v**2 / (2 * p["b"]) - v_leader**2 / (2 * p["B"]) + v * p["tau"] + p["L"], p["L"])
-    return p["A"] * (1 - v / p["v_desire"] - np.exp(1 - s / wanted))
+    return max(p["A"] * (1 - v / p["v_desire"] - np.exp(1 - s / wanted)), -ValidateSettings().followers.b_max)
 
 
 class Car:

@@ -21,6 +21,7 @@ def made_losses(increments: dict[str, float], each: dict[str, list[list[float]]]
             "recording_id": 1 + k % 2,
             "policy": policy,
             "accounting": names.EQUAL,
+            "contact": "",
             **dict.fromkeys(columns, 1.0),
             "loss_hv_increment": increments[policy] * (1 + k),
             "loss_hv_each": each[policy][k % len(each[policy])],
@@ -47,6 +48,19 @@ def summary() -> pd.DataFrame:
 
 def row(summary: pd.DataFrame, against: str, quantity: str) -> pd.Series:
     return summary.loc[(names.LOCAL_OPTIMUM, against, quantity)]
+
+
+def test_events_with_a_contact_under_either_policy_are_left_out_and_counted():
+    losses = made_losses(dict.fromkeys(POLICIES, 1.0), {policy: [[1.0]] for policy in POLICIES})
+    for policy, event in ((names.BENCHMARK, 0), (names.LOCAL_OPTIMUM, 3), (names.NO_LANE_CHANGE, 5)):
+        at = (losses["policy"] == policy) & losses["event_id"].str.contains(f"-{event:04d}-")
+        losses.loc[at, "contact"] = "target_follower_2_through_target_follower_1"
+        losses.loc[at, "min_gap_m"] = -1e6
+    found = statistics.summarise_losses(statistics.PolicyLosses(losses), SETTINGS, seed=1)
+    gap = found[found["quantity"] == "min_gap_m"].set_index(["policy", "against"])
+    pair = gap.loc[(names.LOCAL_OPTIMUM, names.BENCHMARK)]
+    assert (pair["n"], pair["contacts"], pair["mean"], pair["mean_against"]) == (4, 2, 1.0, 1.0)
+    assert gap.loc[(names.LOCAL_OPTIMUM, names.NO_LANE_CHANGE), "contacts"] == 2
 
 
 def test_ratio_of_what_is_there(summary):

@@ -45,7 +45,7 @@ def made_losses() -> pd.DataFrame:
         "loss_total",
         "loss_hv_each",
     ]
-    return pd.DataFrame(rows, columns=columns)
+    return pd.DataFrame(rows, columns=columns).assign(contact="")
 
 
 def made_events() -> pd.DataFrame:
@@ -67,6 +67,19 @@ def test_gain_map_counts_every_event_once_and_knows_its_density():
     open_end = tiles[tiles["spacing_high_m"].isna()]
     assert (open_end["spacing_low_m"] == 120).all()
     assert (tiles["closing_low_mps"].isin([-2.0, 6.0])).all()
+
+
+def test_contacts_are_counted_and_in_no_sum():
+    losses = made_losses()
+    for policy, event in ((names.BENCHMARK, IDS[1]), (names.LOCAL_OPTIMUM, IDS[4])):
+        at = (losses["policy"] == policy) & (losses["event_id"] == event)
+        losses.loc[at, ["contact", "loss_av", "loss_hv", "loss_total"]] = ["a_through_b", np.nan, np.nan, np.nan]
+    tiles = gain_map(made_events(), PolicyLosses(losses), STATISTICS, seed=1)
+    for _, of_cell in tiles.groupby(["form", "accounting"]):
+        assert (of_cell["contacts"].sum(), of_cell["infeasible"].sum()) == (2, 1)
+        assert of_cell["total_benchmark"].sum() == pytest.approx(17 * 20.0)
+    worse = worse_for_somebody(PolicyLosses(losses), STATISTICS)
+    assert not set(worse["event_id"]) & {IDS[1], IDS[4]}
 
 
 def test_leaving_a_location_out_leaves_the_others():
@@ -100,6 +113,9 @@ def made_cross() -> pd.DataFrame:
     for model, hv_T, hv_H in (("lcm", 4.0, 10.0), ("idm", 2.0, 20.0), ("lcm_drawn", 6.0, 5.0)):
         rows[f"hv_to_T_{model}"], rows[f"hv_to_H_{model}"] = hv_T - local, hv_H - 3.0 * local
     rows["av_to_T"], rows["av_to_H"] = 6.0 + local, 10.0 + local
+    for column in TABLES["cross_losses"].column_names:
+        if column.startswith("contacts_to_"):
+            rows[column] = 0
     rows["contact_after_T"] = (rows["accounting"] == names.PAPER) & local & (rows["event_id"] == IDS[0])
     rows.loc[rows["event_id"] == INFEASIBLE, [c for c in rows if c[:2] in ("av", "hv")]] = np.nan
     return rows
@@ -116,6 +132,20 @@ def test_cross_scores_add_what_the_accounting_charges(scored, followers, local, 
     assert row["gain"] == pytest.approx(1 - local / benchmark)
     assert row["total_benchmark"] == pytest.approx(19 * benchmark)
     assert row["infeasible"] == 1
+
+
+def test_cross_scores_leave_contacts_out_and_say_how_many():
+    made = made_cross()
+    local = (made["accounting"] == names.EQUAL) & (made["policy"] == names.LOCAL_OPTIMUM)
+    gone, drawn = local & (made["event_id"] == IDS[2]), local & (made["event_id"] == IDS[5])
+    made.loc[gone, ["contacts_to_H_idm", "hv_to_H_idm"]] = [1, np.nan]
+    made.loc[drawn, "contacts_to_H_lcm_drawn"] = 3  # the mean is one over the other draws
+    cells = cross_scores(made, STATISTICS, seed=1).set_index(["optimised", "scored", "followers"])
+    idm = cells.loc[(names.EQUAL, names.EQUAL, "idm")]
+    assert (idm["contacts"], idm["infeasible"], idm["total_benchmark"]) == (1, 1, pytest.approx(18 * 30.0))
+    draws = cells.loc[(names.EQUAL, names.EQUAL, "lcm_drawn")]
+    assert (draws["contacts"], draws["infeasible"], draws["total_benchmark"]) == (1, 1, pytest.approx(19 * 15.0))
+    assert cells.loc[(names.EQUAL, names.PAPER, "idm"), "contacts"] == 0
 
 
 def test_cross_scores_count_plans_that_touch_after_their_own_accounting():

@@ -12,7 +12,8 @@ from highd_lc.vocab.tables import TABLES
 def row(k, **changes):
     made = {
         "event_id": f"01-{k:04d}-00100", "recording_id": 1, "policy": names.BENCHMARK, "plant": "kinematic",
-        "status": "tracked", "rmse_lateral_m": 0.001 * k, "max_lateral_m": 0.01 * k, "rmse_longitudinal_m": 0.01,
+        "status": "tracked", "contact": "", "rmse_lateral_m": 0.001 * k, "max_lateral_m": 0.01 * k,
+        "rmse_longitudinal_m": 0.01,
         "rmse_heading_rad": 0.001, "max_slack": 0.0, "qp_failures": 0, "loss_av_tracked": 10.0 + k,
         "loss_av_planned": 10.0, "loss_hv_tracked": 8.0, "loss_hv_planned": 8.0 + k,
         "min_clearance_tracked_m": 1.0, "min_clearance_planned_m": 1.0, "violations": [],
@@ -25,8 +26,15 @@ def summary():
     rows = [
         row(1),
         row(2, status="softened", violations=["jerk_y"]),
-        row(3, status="lost", qp_failures=2, violations=["clearance_target_leader"], min_clearance_tracked_m=-0.1),
-        row(4, **dict.fromkeys(list(row(0))[5:-1], np.nan), status="infeasible", violations=None),
+        row(
+            3,
+            status="lost",
+            contact="target_follower_1_through_ego",
+            qp_failures=2,
+            violations=["clearance_target_leader"],
+            min_clearance_tracked_m=-0.1,
+        ),
+        row(4, **dict.fromkeys(list(row(0))[6:-1], np.nan), status="infeasible", violations=None),
         row(9, plant="multi_body", min_clearance_planned_m=-0.2),
     ]
     tracking = pd.DataFrame(rows).astype({"qp_failures": "Int64"})
@@ -41,7 +49,7 @@ def test_each_policy_and_plant_has_its_row(summary):
 def test_figures_are_those_of_the_driven_plans(summary):
     found = summary.loc[("kinematic", names.BENCHMARK)]
     assert (found["n_driven"], found["not_driven"], found["lost"], found["softened"]) == (3, 1, 1, 1)
-    assert (found["qp_failures"], found["max_lateral_m"]) == (2, 0.03)
+    assert (found["qp_failures"], found["max_lateral_m"], found["contacts"]) == (2, 0.03, 1)
     assert found["rmse_lateral_median_m"] == pytest.approx(0.002)
     assert found["rmse_lateral_largest_m"] == pytest.approx(0.003)
     assert (found["loss_av_tracked"], found["loss_av_planned"]) == (12.0, 10.0)
@@ -53,7 +61,7 @@ def test_figures_are_those_of_the_driven_plans(summary):
 
 
 def test_nothing_driven_is_missing_and_not_zero():
-    none = row(1, **dict.fromkeys(list(row(0))[5:-1], np.nan), status="infeasible", violations=None)
+    none = row(1, **dict.fromkeys(list(row(0))[6:-1], np.nan), status="infeasible", violations=None)
     found = tracking_summary(pd.DataFrame([none]).astype({"qp_failures": "Int64"})).iloc[0]
     assert (found["n_driven"], found["not_driven"]) == (0, 1)
     for name in ("rmse_lateral_median_m", "max_lateral_m", "loss_av_tracked", "share_violating", "share_touching"):

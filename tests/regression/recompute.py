@@ -15,6 +15,7 @@ V_REF = 33.54
 N_COMFORT, N_EFFICIENCY = 8.0, 33.54
 TABLE3_MEAN = {"v_desire": 33.54, "A": 4.91, "tau": 0.93, "L": 4.82, "b": 6.93, "B": 6.44}
 L_BOUNDS = 2.0, 25.0
+B_MAX = 9.0
 HUMAN_WINDOW_S = 1.5
 # Over which time each side is charged, (AV, followers): True = up to H, False = up to T.
 CHARGED_TO_H = {"paper": (False, False), "follower_horizon": (False, True), "equal": (True, True)}
@@ -127,12 +128,12 @@ def leading(cars: dict[str, Vehicle], event: pd.Series) -> Vehicle | None:
 
 
 def lcm_acceleration(p: dict[str, float], v: float, leader: tuple[float, float] | None) -> float:
-    """LCM [10-11]. leader: its spacing front to front and its speed; None = free road."""
+    """LCM [10-11], braking bounded. leader: its spacing front to front and its speed; None = free road."""
     if leader is None:
         return p["A"] * (1 - v / p["v_desire"])
     s, v_leader = leader
     wanted = max(v**2 / (2 * p["b"]) - v_leader**2 / (2 * p["B"]) + v * p["tau"] + p["L"], p["L"])
-    return p["A"] * (1 - v / p["v_desire"] - np.exp(1 - s / wanted))
+    return max(p["A"] * (1 - v / p["v_desire"] - np.exp(1 - s / wanted)), -B_MAX)
 
 
 def quintic(times: np.ndarray, plan: pd.Series, v0: float, D: float) -> dict[str, np.ndarray]:

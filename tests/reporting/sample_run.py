@@ -114,7 +114,7 @@ def matrix() -> pd.DataFrame:
             "total_benchmark": 1000.0 + k, "total_local": (1000.0 + k) * (1 - gain), "gain": gain,
             "gain_low": gain - 0.004, "gain_high": gain + 0.005, "gain_hv": 2 * gain, "gain_av": -gain,
             "median_difference": -gain / 2, "hodges_lehmann": -gain / 3, "share_differ": 0.8, "share_better": 0.7,
-            "share_worse": 0.1, "share_worst_follower_worse": 0.2, "infeasible": k,
+            "share_worse": 0.1, "share_worst_follower_worse": 0.2, "infeasible": k, "contacts": 0,
         })  # fmt: skip
     return pd.DataFrame(rows)
 

@@ -15,7 +15,7 @@ def gains(k: int) -> dict[str, float]:
     """The columns that all tables of gains share; every k differs."""
     gain = 0.004 * (k + 1) * (-1) ** (k % 3 == 2)
     return {
-        "n_events": 40 + k, "n_recordings": 6, "infeasible": k % 4, "total_benchmark": 900.0,
+        "n_events": 40 + k, "n_recordings": 6, "infeasible": k % 4, "contacts": 0, "total_benchmark": 900.0,
         "total_local": 900.0 * (1 - gain), "gain": gain, "gain_low": gain - 0.003, "gain_high": gain + 0.003,
         "gain_av": -gain, "gain_hv": 2 * gain, "share_better": 0.75, "share_worse": 0.125,
     }  # fmt: skip

@@ -1,0 +1,68 @@
+"""The step of a follower against the model's equations in plain Python, and what bounded braking means."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from highd_lc.core import drive
+from highd_lc.core.idm import MOTORWAY
+from highd_lc.vocab.lcm_parameters import LOWER_BOUNDS, TABLE3_MEANS, UPPER_BOUNDS
+
+DT = 0.1
+B_MAX = 9.0
+
+drivers = st.tuples(
+    *(st.floats(low, high) for low, high in zip(LOWER_BOUNDS.as_array(), UPPER_BOUNDS.as_array(), strict=True))
+)
+speeds = st.floats(0.0, 45.0)
+spacings = st.floats(-40.0, 200.0)
+
+
+def lcm(v, s, v_leader, v_desire, A, b, B, tau, L):
+    """Equations 10 and 11 as printed, with the floor; the exponent is capped at 40."""
+    wanted = max(v**2 / (2 * b) - v_leader**2 / (2 * B) + v * tau + L, L)
+    return A * (1 - v / v_desire - np.exp(min(1 - s / wanted, 40.0)))
+
+
+@given(speeds, spacings, speeds, drivers)
+def test_the_step_is_the_bounded_model_and_then_euler(v, s, v_leader, driver):
+    a, x, faster = drive.lcm_step(100.0, v, 100.0 + s, v_leader, *driver, B_MAX, DT)
+    assert a == pytest.approx(max(lcm(v, s, v_leader, *driver), -B_MAX), rel=1e-9, abs=1e-9)
+    assert faster == pytest.approx(max(0.0, v + a * DT), abs=1e-12)
+    assert x == pytest.approx(100.0 + faster * DT, abs=1e-11)
+
+
+@given(speeds, spacings, speeds, drivers)
+def test_an_unbounded_step_is_the_model_alone(v, s, v_leader, driver):
+    a, _, _ = drive.lcm_step(0.0, v, s, v_leader, *driver, drive.UNBOUNDED, DT)
+    assert a == pytest.approx(lcm(v, s, v_leader, *driver), rel=1e-9, abs=1e-9)
+
+
+@given(speeds, st.floats(-40.0, 200.0), speeds, st.floats(0.5, 20.0))
+def test_nobody_brakes_harder_than_the_bound(v, s, v_leader, hardest):
+    lcm_a, _, _ = drive.lcm_step(0.0, v, s, v_leader, *TABLE3_MEANS.as_array(), hardest, DT)
+    idm_a, _, _ = drive.idm_step(0.0, v, s, v_leader, MOTORWAY, hardest, DT)
+    assert min(lcm_a, idm_a) >= -hardest
+
+
+def test_a_front_behind_which_the_leader_lies_stops_at_the_bound():
+    # 30 m/s at 9 m/s^2: 34 steps of 0.1 s, after k of which the speed is 30 - 0.9 k, and then 0.
+    front, speed = drive.drive_behind(
+        0.0, 30.0, np.full(60, -5.0), np.zeros(60), TABLE3_MEANS.as_array(), B_MAX, DT
+    )
+    expected = np.maximum(30.0 - 0.9 * np.arange(60), 0.0)
+    np.testing.assert_allclose(speed, expected, atol=1e-12)
+    np.testing.assert_allclose(front[1:], np.cumsum(expected[1:]) * DT, atol=1e-11)
+
+
+def test_without_a_bound_the_same_driver_stands_at_once():
+    _, speed = drive.drive_behind(
+        0.0, 30.0, np.full(3, -200.0), np.full(3, 60.0), TABLE3_MEANS.as_array(), drive.UNBOUNDED, DT
+    )
+    assert speed.tolist() == [30.0, 0.0, 0.0]
+
+
+@pytest.mark.parametrize(("b_max", "hardest"), [(0.0, np.inf), (9.0, 9.0), (3.5, 3.5)])
+def test_zero_stands_for_unbounded(b_max, hardest):
+    assert drive.hardest_braking(b_max) == hardest
