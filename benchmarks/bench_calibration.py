@@ -14,13 +14,11 @@ from pathlib import Path
 
 import numpy as np
 
-from highd_lc.algorithms.calibration import fit_follower, pose
-from highd_lc.algorithms.genetic import GeneticAlgorithm
-from highd_lc.algorithms.genetic_pymoo import PymooGeneticAlgorithm, minimise_with_pymoo
-from highd_lc.algorithms.least_squares import STARTS, descend
-from highd_lc.algorithms.screening import Screening, screen
-from highd_lc.core.car_following import objectives_of
-from highd_lc.core.car_following_kernel import TIME_STEP, FitProblem
+from highd_lc.core.car_following import TIME_STEP, FitProblem, objectives_of
+from highd_lc.drivers.calibration import fit_follower, pose
+from highd_lc.drivers.genetic import GeneticAlgorithm
+from highd_lc.drivers.genetic_pymoo import PymooGeneticAlgorithm, minimise_with_pymoo
+from highd_lc.drivers.least_squares import STARTS, Screening, descend, screen
 from highd_lc.vocab.settings import CalibrateSettings
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "algorithms"))
@@ -32,7 +30,7 @@ import time; start = time.perf_counter()
 import sys; sys.path.insert(0, {tests!r})
 import numpy as np
 from made_followers import NOISY, follower
-from highd_lc.algorithms.calibration import fit_follower
+from highd_lc.drivers.calibration import fit_follower
 from highd_lc.vocab.settings import CalibrateSettings
 fit_follower(follower(np.random.default_rng(0), noise=NOISY)[0], CalibrateSettings(), seed=0)
 print(time.perf_counter() - start)

@@ -20,7 +20,7 @@ from pyarrow import csv as arrow_csv
 
 from highd_lc.io.highd_csv import read_columns
 from highd_lc.io.highd_files import input_files
-from highd_lc.io.highd_rows import FIELDS
+from highd_lc.io.highd_tables import FIELDS
 from highd_lc.io.synthetic import write_recording
 from highd_lc.stages import extract, ingest
 from highd_lc.vocab.job import Job, Provenance

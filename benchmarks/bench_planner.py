@@ -14,9 +14,9 @@ from unittest import mock
 
 import numpy as np
 
-from highd_lc.algorithms import pool as pool_module
-from highd_lc.algorithms.pool import Pool, Task
-from highd_lc.algorithms.search import search
+from highd_lc.planning import pool as pool_module
+from highd_lc.planning.pool import Pool, Task
+from highd_lc.planning.search import search
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "algorithms"))
 import planner_twin

@@ -4,9 +4,9 @@ import time
 
 import numpy as np
 
-from highd_lc.algorithms.platoon import Lead, drive_platoon, equal_drivers
 from highd_lc.core.edie import clip_to_grid, trajectories_of
-from highd_lc.vocab.lcm_parameters import SIMULATION
+from highd_lc.scenarios.platoon import Lead, drive_platoon, equal_drivers
+from highd_lc.vocab.driver import SIMULATION
 
 DT = 0.1
 

@@ -19,12 +19,12 @@ from pathlib import Path
 from rich.console import Console
 
 from highd_lc import engine
-from highd_lc.io.scenes import scene_makers
 from highd_lc.reporting.event import EventReport
 from highd_lc.reporting.figures_event import EventPainter, event_figure
 from highd_lc.reporting.pages_event import Links, event_page
 from highd_lc.reporting.pages_index import index_page
 from highd_lc.stages.event_report import event_report, read_tables
+from highd_lc.stages.scenes import scene_makers
 from highd_lc.vocab.job import Job, Options, Provenance
 from highd_lc.vocab.settings import (
     CalibrateSettings,

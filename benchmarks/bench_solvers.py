@@ -12,9 +12,9 @@ from pathlib import Path
 
 import numpy as np
 
-from highd_lc.algorithms.pool import Goal, Task
-from highd_lc.algorithms.search import search
-from highd_lc.algorithms.sqp import multi_start
+from highd_lc.planning.pool import Goal, Task
+from highd_lc.planning.search import search
+from highd_lc.planning.sqp import multi_start
 from highd_lc.vocab import names
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "algorithms"))

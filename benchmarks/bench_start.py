@@ -12,11 +12,11 @@ import numpy as np
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "algorithms"))
 from random_scenes import random_scene
 
-from highd_lc.algorithms.planner import goals, overlap_at_start, pose
-from highd_lc.algorithms.search import search
-from highd_lc.algorithms.start_planner import start_pools
-from highd_lc.algorithms.start_search import search_starts
-from highd_lc.algorithms.starts import CONTAINED, best_of, pose_starts
+from highd_lc.planning.planner import goals, overlap_at_start, pose
+from highd_lc.planning.search import search
+from highd_lc.planning.start_planner import start_pools
+from highd_lc.planning.start_search import search_starts
+from highd_lc.planning.starts import CONTAINED, best_of, pose_starts
 from highd_lc.vocab import names
 from highd_lc.vocab.settings import ValidateSettings
 

@@ -13,15 +13,13 @@ import daqp
 import numpy as np
 from numba import njit, types
 from scipy.optimize import minimize
+from tracking_cases import WHEELBASE, lane_change, nominal_plans
 
-from highd_lc.algorithms.closed_loop import reference_rows
-from highd_lc.algorithms.controllers import MpcController
-from highd_lc.algorithms.daqp_call import INFINITY
-from highd_lc.algorithms.mpc import assemble, mpc_parameters, new_memory
-from highd_lc.algorithms.qp import Qp, solve_qp
-from highd_lc.algorithms.tracker import control, track, track_many
-from highd_lc.algorithms.tracking_study import WHEELBASE, lane_change, nominal_plans
 from highd_lc.core.bicycle import bicycle_step
+from highd_lc.tracking.closed_loop import control, reference_rows, track, track_many
+from highd_lc.tracking.controllers import MpcController
+from highd_lc.tracking.daqp_call import INFINITY
+from highd_lc.tracking.mpc import Qp, assemble, mpc_parameters, new_memory, solve_qp
 from highd_lc.vocab.tracking import Reference, TrackingSettings
 
 POPULATION = 8_400 * 4

@@ -14,8 +14,7 @@ import polars as pl
 import pyarrow as pa
 from pyarrow import csv
 
-from highd_lc.io.synthetic import simulate_recording, synthesize
-from highd_lc.io.synthetic_csv import write_table
+from highd_lc.io.synthetic import simulate_recording, synthesize, write_table
 from highd_lc.io.synthetic_highd import HAS_DECIMALS, TRACK_COLUMNS
 from highd_lc.vocab.recorder import RecorderSettings
 

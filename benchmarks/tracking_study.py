@@ -8,30 +8,28 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 import numpy as np
-
-from highd_lc.algorithms import multibody
-from highd_lc.algorithms.multibody import SERVO, SUBSTEPS, MultiBodyPlant, track_multibody
-from highd_lc.algorithms.tracked_motion import loss_av, motion_of, planned_motion, tracked_motion
-from highd_lc.algorithms.tracking_study import (
-    WHEELBASE,
-    Figures,
-    lane_change,
-    nominal_plans,
-    plant_run,
-    recovery_plans,
-)
-from highd_lc.algorithms.tracking_tables import (
+from tracking_cases import (
     ASKED_LATERAL_M,
     ASKED_LONGITUDINAL_M,
     SWEEP_NOISE_M,
+    WHEELBASE,
+    Figures,
     StudyRow,
     SweepRow,
     baseline_table,
     copes_until,
     disturbance_table,
+    lane_change,
+    nominal_plans,
+    plant_run,
+    recovery_plans,
     sensitivity_table,
     weight_sweep,
 )
+
+from highd_lc.tracking import multibody
+from highd_lc.tracking.multibody import SERVO, SUBSTEPS, MultiBodyPlant, track_multibody
+from highd_lc.tracking.plan_tracking import loss_av, motion_of, planned_motion, tracked_motion
 from highd_lc.vocab.tracking import KINEMATIC, MULTI_BODY, PLANTS, Reference, TrackingSettings
 
 SEED = 1

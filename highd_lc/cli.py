@@ -258,7 +258,7 @@ def scenarios(
     workers: Workers = 2,
 ) -> None:
     """Run the paper's scenarios and enter them beside every published number."""
-    from highd_lc.reporting.terminal_scenarios import claims_table
+    from highd_lc.reporting.terminal import claims_table
     from highd_lc.stages import scenarios as scenario_stage
     from highd_lc.vocab.scenarios import ScenarioSettings
 

@@ -12,9 +12,8 @@ from rich.console import Console
 
 from highd_lc.execution import Cluster, Execution, InProcess, LocalProcesses
 from highd_lc.io import atomic, highd_files, workspace
-from highd_lc.io.inputs import find_inputs
-from highd_lc.io.records import Records
 from highd_lc.io.settings import digest, resolved
+from highd_lc.io.workspace import Records, find_inputs
 from highd_lc.stage_run import STAGES, StageRun, stage_module
 from highd_lc.vocab.job import JobReport, Options, Outcome
 from highd_lc.vocab.settings import Settings

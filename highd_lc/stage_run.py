@@ -15,9 +15,8 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from highd_lc.execution import Execution
 from highd_lc.io import artefacts, atomic, workspace
 from highd_lc.io.atomic import Written
-from highd_lc.io.inputs import Inputs
-from highd_lc.io.records import Records
 from highd_lc.io.settings import digest
+from highd_lc.io.workspace import Inputs, Records
 from highd_lc.vocab.errors import ClusterError, HighdLcError, InputError, StorageError, WorkerLostError, told
 from highd_lc.vocab.job import Combination, Job, JobReport, Options, Outcome, Problem, Provenance, ReportRequest
 from highd_lc.vocab.settings import Section, Settings
@@ -99,7 +98,7 @@ class StageRun:
         return dict(sorted(reports.items()))
 
     def _call(self, recording: int) -> Callable[[], Done]:
-        """The work on a recording, to be carried out wherever. Its record goes first: see ``io.records``."""
+        """The work on a recording, to be carried out wherever. Its record goes first: see ``io.workspace``."""
         self._records.forget(self.name, recording)
         inputs = {f"{recording:02d}": self.keys[recording]}
         data, work = self.inputs.data, self.options.work

@@ -1,4 +1,4 @@
-"""The kinematic bicycle at the rear axle and its errors linearised at a reference (SPEC section 8, [20-22]).
+"""The kinematic bicycle at the rear axle and its errors linearised at a reference (equations.md 8, [20-22]).
 
 State psi = [x, y, phi], input mu = [v, delta]:
 xdot = v cos(phi), ydot = v sin(phi), phidot = v tan(delta) / l. A held input closes a circle of radius

@@ -3,30 +3,249 @@
 Closed loop: the LCM drives the follower from its first recorded state behind the recorded leader, semi-implicit
 Euler (v += a dt, then x += v dt); objective RMSE(s) / RMS(s) + RMSE(v) / RMS(v), s the spacing.
 Open loop (the paper's form): at every sample the LCM reads the *recorded* speeds and spacing; objective
-J = sum((a_sim - a_obs)^2 / max(|a_obs|, 0.1)) / sum |a_obs|. Both: SPEC section 9.
+J = sum((a_sim - a_obs)^2 / max(|a_obs|, 0.1)) / sum |a_obs|. Both: equations.md 9.4.
+
+Compiled simulation of a follower behind its recorded leader, for many parameter sets at once.
+
+Candidates (parameter sets) are the innermost axis, in tiles of ``LANES``. A tile's rows lie at offsets known to
+the compiler in one flat array, so that LLVM needs no aliasing checks and vectorises the whole model step. The
+objectives are those of ``core.car_following``.
 """
 
 from dataclasses import dataclass
+from typing import Final, NamedTuple
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
-from highd_lc.core.car_following_kernel import (
-    LANES,
-    SIM_A,
-    SIM_V,
-    SIM_X,
-    SIMULATED,
-    FitProblem,
-    evaluate_population,
-    load_tile,
-    new_scratch,
-    simulate_closed_loop,
-)
-from highd_lc.core.car_following_kernel import TIME_STEP as TIME_STEP  # part of what this module offers
-from highd_lc.core.drive import UNBOUNDED
+from highd_lc.core.drive import UNBOUNDED, advance, bounded
+from highd_lc.core.kernels import UNALIASED
+from highd_lc.core.lcm import vector_exp
 
 FloatArray = NDArray[np.float64]
+
+LANES: Final = 256
+"""Candidates a tile."""
+TIME_STEP: Final = 0.1
+"""Integration step of the car-following simulation [s] (equations.md 3)."""
+ACCELERATION_FLOOR: Final = 0.1
+"""Smallest |a_obs| that weighs a sample of the paper's objective [m/s^2] (equations.md 9.4)."""
+
+# Rows of a track array.
+LEADER_X, LEADER_V, X, V, A = range(5)
+# Values simulated at each sample, LANES candidates each.
+SIM_V, SIM_X, SIM_A, SIM_COMMAND = range(4)
+SIMULATED = 4
+_NEXT = SIMULATED * LANES
+# Rows of a tile's scratch: parameters in the form that the model step uses, error sums.
+_INVERSE_V_DESIRE, _A, _HALF_INVERSE_b, _HALF_INVERSE_B, _TAU, _L, ERROR_1, ERROR_2 = range(8)
+_SCRATCH_ROWS = 8
+
+
+class FitProblem(NamedTuple):
+    """What a candidate is judged by; a named tuple so that compiled code can take it.
+
+    track: rows of ``core.car_following.FollowingTrack.as_array``, shape (5, K). open_loop: the paper's objective
+    instead of the closed loop. delayed: the command is applied tau later (equation 10 as printed). hardest: bound
+    of commanded braking [m/s^2, positive], infinite = none. weights: reciprocals of sum s^2, sum v^2 and
+    sum |a_obs|, shape (3,). lower, upper: bounds of parameters, shape (6,).
+    A penalty sum_j strength_j (p_j - centre_j)^2 is added to the objective; centre, strength: shape (6,).
+    """
+
+    track: FloatArray
+    open_loop: bool
+    delayed: bool
+    hardest: float
+    weights: FloatArray
+    lower: FloatArray
+    upper: FloatArray
+    centre: FloatArray
+    strength: FloatArray
+
+
+def new_scratch(n_samples: int) -> tuple[FloatArray, FloatArray]:
+    """Scratch and state arrays for one tile of a track with n_samples samples."""
+    return np.empty(_SCRATCH_ROWS * LANES), np.empty(SIMULATED * (n_samples + 1) * LANES)
+
+
+@njit(cache=True, nogil=True, fastmath={"contract"}, error_model="numpy", **UNALIASED)
+def load_tile(parameters: FloatArray, first: int, width: int, scratch: FloatArray) -> None:
+    """Put candidates first .. first + width of parameters (6, n) into the scratch, divisions done once."""
+    for i in range(width):
+        scratch[_INVERSE_V_DESIRE * LANES + i] = 1.0 / parameters[0, first + i]
+        scratch[_A * LANES + i] = parameters[1, first + i]
+        scratch[_HALF_INVERSE_b * LANES + i] = 0.5 / parameters[2, first + i]
+        scratch[_HALF_INVERSE_B * LANES + i] = 0.5 / parameters[3, first + i]
+        scratch[_TAU * LANES + i] = parameters[4, first + i]
+        scratch[_L * LANES + i] = parameters[5, first + i]
+
+
+@njit(inline="always", fastmath={"contract"})
+def _command(
+    v: float,
+    spacing: float,
+    leader_v: float,
+    inverse_v_desire: float,
+    A: float,
+    half_inverse_b: float,
+    half_inverse_B: float,
+    tau: float,
+    L: float,
+    hardest: float,
+) -> float:
+    """Acceleration commanded by the LCM (equations 10 and 11).
+
+    The same as ``core.drive.lcm_command`` with the divisions by parameters turned into products.
+    """
+    wanted = v * (v * half_inverse_b + tau) - leader_v * leader_v * half_inverse_B + L
+    exponent = min(max(1.0 - spacing / max(wanted, L), -700.0), 40.0)
+    return bounded(A * (1.0 - v * inverse_v_desire - vector_exp(exponent)), hardest)
+
+
+@njit(cache=True, nogil=True, fastmath={"contract"}, error_model="numpy", **UNALIASED)
+def _delay_commands(k: int, width: int, scratch: FloatArray, states: FloatArray) -> None:
+    """Accelerations acting at sample k: the commands of tau ago, linear between samples.
+
+    Before the first sample the driver is taken to have commanded what he commands at the first.
+    """
+    for i in range(width):
+        back = min(scratch[_TAU * LANES + i] / TIME_STEP, float(k))
+        whole = int(back)
+        recent = states[(k - whole) * _NEXT + SIM_COMMAND * LANES + i]
+        older = states[max(k - whole - 1, 0) * _NEXT + SIM_COMMAND * LANES + i]
+        states[k * _NEXT + SIM_A * LANES + i] = recent + (back - whole) * (older - recent)
+
+
+@njit(cache=True, nogil=True, fastmath={"contract"}, error_model="numpy", **UNALIASED)
+def simulate_closed_loop(
+    track: FloatArray, width: int, delayed: bool, hardest: float, scratch: FloatArray, states: FloatArray
+) -> None:
+    """Drive the candidates of a loaded tile behind the recorded leader; sums of squared errors into scratch.
+
+    track: (5, K). Fills states (speed, front bumper, acceleration and command at every sample) and the error
+    sums of position [m^2] and speed [m^2/s^2]. delayed: the command is applied tau later.
+    """
+    n_samples = track.shape[1]
+    for i in range(width):
+        states[SIM_V * LANES + i] = track[V, 0]
+        states[SIM_X * LANES + i] = track[X, 0]
+        scratch[ERROR_1 * LANES + i] = 0.0
+        scratch[ERROR_2 * LANES + i] = 0.0
+    for k in range(n_samples):
+        leader_x, leader_v = track[LEADER_X, k], track[LEADER_V, k]
+        now = k * _NEXT
+        x_recorded, v_recorded = track[X, k], track[V, k]
+        for i in range(width):
+            v, x = states[now + SIM_V * LANES + i], states[now + SIM_X * LANES + i]
+            error_x, error_v = x - x_recorded, v - v_recorded
+            scratch[ERROR_1 * LANES + i] += error_x * error_x
+            scratch[ERROR_2 * LANES + i] += error_v * error_v
+            a = _command(
+                v,
+                leader_x - x,
+                leader_v,
+                scratch[_INVERSE_V_DESIRE * LANES + i],
+                scratch[_A * LANES + i],
+                scratch[_HALF_INVERSE_b * LANES + i],
+                scratch[_HALF_INVERSE_B * LANES + i],
+                scratch[_TAU * LANES + i],
+                scratch[_L * LANES + i],
+                hardest,
+            )
+            states[now + SIM_COMMAND * LANES + i] = a
+            states[now + SIM_A * LANES + i] = a
+            x, v = advance(x, v, a, TIME_STEP)
+            states[now + _NEXT + SIM_V * LANES + i] = v
+            states[now + _NEXT + SIM_X * LANES + i] = x
+        if delayed:
+            _delay_commands(k, width, scratch, states)
+            for i in range(width):
+                a = states[now + SIM_A * LANES + i]
+                x, v = states[now + SIM_X * LANES + i], states[now + SIM_V * LANES + i]
+                x, v = advance(x, v, a, TIME_STEP)
+                states[now + _NEXT + SIM_V * LANES + i] = v
+                states[now + _NEXT + SIM_X * LANES + i] = x
+
+
+@njit(cache=True, nogil=True, fastmath={"contract"}, error_model="numpy", **UNALIASED)
+def simulate_open_loop(
+    track: FloatArray, width: int, delayed: bool, hardest: float, scratch: FloatArray, states: FloatArray
+) -> None:
+    """Command of the candidates of a loaded tile at every recorded state; weighted error sum into scratch.
+
+    track: (5, K). Fills the accelerations of states, as they are compared with the recorded ones (delayed: tau
+    after they were commanded), and sum (a_sim - a_obs)^2 / max(|a_obs|, 0.1) [m/s^2].
+    """
+    n_samples = track.shape[1]
+    for i in range(width):
+        scratch[ERROR_1 * LANES + i] = 0.0
+        scratch[ERROR_2 * LANES + i] = 0.0
+    for k in range(n_samples):
+        now = k * _NEXT
+        v, leader_v, spacing = track[V, k], track[LEADER_V, k], track[LEADER_X, k] - track[X, k]
+        recorded, weight = track[A, k], 1.0 / max(abs(track[A, k]), ACCELERATION_FLOOR)
+        for i in range(width):
+            a = _command(
+                v,
+                spacing,
+                leader_v,
+                scratch[_INVERSE_V_DESIRE * LANES + i],
+                scratch[_A * LANES + i],
+                scratch[_HALF_INVERSE_b * LANES + i],
+                scratch[_HALF_INVERSE_B * LANES + i],
+                scratch[_TAU * LANES + i],
+                scratch[_L * LANES + i],
+                hardest,
+            )
+            states[now + SIM_COMMAND * LANES + i] = a
+            states[now + SIM_A * LANES + i] = a
+        if delayed:
+            _delay_commands(k, width, scratch, states)
+        for i in range(width):
+            error = states[now + SIM_A * LANES + i] - recorded
+            scratch[ERROR_1 * LANES + i] += weight * error * error
+
+
+@njit(cache=True, nogil=True, fastmath={"contract"}, error_model="numpy", **UNALIASED)
+def evaluate_tile(
+    problem: FitProblem,
+    parameters: FloatArray,
+    first: int,
+    width: int,
+    scratch: FloatArray,
+    states: FloatArray,
+    objectives: FloatArray,
+) -> None:
+    """Objective of candidates first .. first + width (at most LANES) of parameters (6, n) into objectives (n,)."""
+    load_tile(parameters, first, width, scratch)
+    if problem.open_loop:
+        simulate_open_loop(problem.track, width, problem.delayed, problem.hardest, scratch, states)
+    else:
+        simulate_closed_loop(problem.track, width, problem.delayed, problem.hardest, scratch, states)
+    for i in range(width):
+        error_1, error_2 = scratch[ERROR_1 * LANES + i], scratch[ERROR_2 * LANES + i]
+        if problem.open_loop:
+            objective = error_1 * problem.weights[2]
+        else:
+            objective = np.sqrt(error_1 * problem.weights[0]) + np.sqrt(error_2 * problem.weights[1])
+        for j in range(6):
+            offset = parameters[j, first + i] - problem.centre[j]
+            objective += problem.strength[j] * offset * offset
+        objectives[first + i] = objective
+
+
+@njit(cache=True, nogil=True, fastmath={"contract"}, error_model="numpy", **UNALIASED)
+def evaluate_population(
+    problem: FitProblem, parameters: FloatArray, scratch: FloatArray, states: FloatArray, objectives: FloatArray
+) -> None:
+    """Objective of every candidate of parameters (6, n) into objectives (n,), tile by tile."""
+    n = parameters.shape[1]
+    for first in range(0, n, LANES):
+        evaluate_tile(problem, parameters, first, min(LANES, n - first), scratch, states, objectives)
+
+
+# part of what this module offers
 
 
 @dataclass(frozen=True)

@@ -1,9 +1,15 @@
-"""Smoothed derivatives of sampled motion: local polynomials over a window given in seconds, and their noise."""
+"""Smoothed derivatives of sampled motion: local polynomials over a window given in seconds, and their noise.
+
+Channels as rounded levels and their differences from sample to sample, as bytes: what a page carries.
+
+From native frames to the 0.1 s grid (equations.md 9).
+"""
 
 from functools import lru_cache
 from math import factorial
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
@@ -106,3 +112,86 @@ def _gains(window: int, degree: int, rate: float) -> tuple[tuple[FloatArray, flo
         (np.linalg.norm(start, axis=1), float(np.linalg.norm(inside)), np.linalg.norm(stop, axis=1))
         for start, inside, stop in _filters(window, degree, rate)
     )
+
+
+IntArray = NDArray[np.int64]
+
+
+@njit(cache=True, nogil=True)
+def known_spans(values: FloatArray) -> tuple[IntArray, FloatArray]:
+    """Where the channels are known, and how fast they move there.
+
+    values: shape (m, n), NaN only at the ends of a channel (elsewhere it counts as 0). Returns the first known
+    sample and the number from there to the last, shape (m, 2), both 0 where there is none; and the largest
+    difference between two neighbours among them, shape (m,).
+    """
+    m, n = values.shape
+    spans, fastest = np.zeros((m, 2), np.int64), np.zeros(m)
+    for row in range(m):
+        first, last = 0, n - 1
+        while first < n and not np.isfinite(values[row, first]):
+            first += 1
+        while last > first and not np.isfinite(values[row, last]):
+            last -= 1
+        if first == n:
+            continue
+        spans[row, 0], spans[row, 1] = first, last + 1 - first
+        for k in range(first + 1, last + 1):
+            fastest[row] = max(fastest[row], abs(_known(values[row, k]) - _known(values[row, k - 1])))
+    return spans, fastest
+
+
+@njit(cache=True, nogil=True)
+def level_differences(values: FloatArray, spans: IntArray, steps: FloatArray) -> tuple[IntArray, NDArray[np.int8]]:
+    """The first level of each channel, shape (m,), and the differences of all, one channel after the other.
+
+    values, spans: see ``known_spans``; steps: of the levels, shape (m,), so large that every difference fits a
+    byte. The first difference of a channel is 0; their number is that of the known samples.
+    """
+    bases, differences = np.zeros(len(steps), np.int64), np.zeros(spans[:, 1].sum(), np.int8)
+    at = 0
+    for row in range(len(steps)):
+        first, count = spans[row]
+        if count == 0:
+            continue
+        before = np.rint(_known(values[row, first]) / steps[row])
+        bases[row] = np.int64(before)
+        for k in range(first + 1, first + count):
+            level = np.rint(_known(values[row, k]) / steps[row])
+            differences[at + k - first] = np.int8(level - before)
+            before = level
+        at += count
+    return bases, differences
+
+
+@njit(inline="always")
+def _known(value: float) -> float:
+    return value if np.isfinite(value) else 0.0
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def hermite(t: FloatArray, x: FloatArray, v: FloatArray, grid: FloatArray) -> FloatArray:
+    """Positions at grid times by cubic Hermite interpolation with the recorded speeds.
+
+    t: ascending sample times [s], x: positions [m], v: speeds [m/s], each of shape (n,), n >= 2; grid: times
+    within t [s], shape (m,). Returns positions [m], shape (m,).
+    """
+    positions = np.empty(len(grid))
+    for k in range(len(grid)):
+        i = min(max(np.searchsorted(t, grid[k], side="right") - 1, 0), len(t) - 2)
+        h = t[i + 1] - t[i]
+        u = (grid[k] - t[i]) / h
+        w = 1.0 - u
+        recorded = x[i] * w * w * (1.0 + 2.0 * u) + x[i + 1] * u * u * (3.0 - 2.0 * u)
+        positions[k] = recorded + h * u * w * (v[i] * w - v[i + 1] * u)
+    return positions
+
+
+def resample(
+    t: FloatArray, x: FloatArray, v: FloatArray, a: FloatArray, grid: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Position, speed and acceleration at grid times: cubic Hermite for positions, linear for the others.
+
+    Shapes and units as in ``hermite``; a in m/s^2.
+    """
+    return hermite(t, x, v, grid), np.interp(grid, t, v), np.interp(grid, t, a)

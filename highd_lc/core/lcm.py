@@ -4,14 +4,71 @@ a = A (1 - v / v_desire - exp(1 - s / s*)),   s* = max(v^2 / (2b) - v_leader^2 /
 
 s is the spacing, front bumper to front bumper. Without a leader the exponential term is zero; in the compiled
 functions an infinite spacing says so.
+
+An exponential that LLVM can vectorise.
+
+The exponential is the whole cost of the LCM. ``math.exp`` is a call that stops LLVM from vectorising the loop
+around it (numba's wheels carry no vector math library), so the hot kernels use this polynomial instead.
 """
 
+from typing import Any
+
 import numpy as np
-from numba import njit
+from numba import njit, types
+from numba.extending import intrinsic
 from numpy.typing import NDArray
 
-from highd_lc.core.exponential import vector_exp
-from highd_lc.vocab.lcm_parameters import REPLAY_L_BOUNDS
+from highd_lc.vocab.driver import REPLAY_L_BOUNDS
+
+_LOG2_E = 1.4426950408889634
+_LN2_HIGH = 6.93147180369123816490e-01
+_LN2_LOW = 1.90821492927058770002e-10
+# Adding 1.5 * 2**52 leaves the nearest integer in the low bits of the mantissa.
+_ROUND = 6755399441055744.0
+_C2, _C3, _C4, _C5, _C6, _C7 = 1 / 2, 1 / 6, 1 / 24, 1 / 120, 1 / 720, 1 / 5040
+_C8, _C9, _C10, _C11, _C12 = 1 / 40320, 1 / 362880, 1 / 3628800, 1 / 39916800, 1 / 479001600
+
+
+def _bits(typingctx: Any, value: Any) -> Any:
+    """The 64 bits of a float as an integer."""
+
+    def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        return builder.bitcast(args[0], context.get_value_type(types.int64))
+
+    return types.int64(types.float64), codegen
+
+
+def _float(typingctx: Any, value: Any) -> Any:
+    """The float that 64 bits stand for."""
+
+    def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        return builder.bitcast(args[0], context.get_value_type(types.float64))
+
+    return types.float64(types.int64), codegen
+
+
+_bits_of: Any = intrinsic(_bits)
+_float_of: Any = intrinsic(_float)
+
+
+@njit(inline="always", fastmath={"contract"})
+def vector_exp(x: float) -> float:
+    """exp(x) for -700 <= x <= 700, relative error below 1e-15; outside that range the result is undefined.
+
+    exp(x) = 2**n exp(r), n the integer nearest x / ln 2, |r| <= ln(2)/2, exp(r) by its Taylor series to r**12
+    (remainder 2e-16) in Estrin's order.
+    """
+    shifted = x * _LOG2_E + _ROUND
+    n = shifted - _ROUND
+    r = (x - n * _LN2_HIGH) - n * _LN2_LOW
+    r2 = r * r
+    r4 = r2 * r2
+    low = (1.0 + r) + r2 * (_C2 + _C3 * r)
+    middle = (_C4 + _C5 * r) + r2 * (_C6 + _C7 * r)
+    high = (_C8 + _C9 * r) + r2 * (_C10 + _C11 * r) + r4 * _C12
+    scale: float = _float_of((_bits_of(shifted) + np.int64(1023)) << np.int64(52))
+    return (low + r4 * (middle + r4 * high)) * scale
+
 
 # exp(40) = 2e17 m/s^2 is far outside anything that a simulation survives with positive speed; the cap only
 # keeps sums finite when a search tries parameters that let vehicles run through each other.
@@ -22,7 +79,7 @@ _SMALLEST_EXPONENT = -700.0
 
 @njit(inline="always", fastmath={"contract"})
 def desired_spacing(v: float, v_leader: float, b: float, B: float, tau: float, L: float) -> float:
-    """Desired spacing s* [m] of the LCM with its floor L (equation 11; the floor: SPEC section 3).
+    """Desired spacing s* [m] of the LCM with its floor L (equation 11; the floor: equations.md 3.2).
 
     v, v_leader in m/s; b, B in m/s^2; tau in s; L in m.
     """
@@ -53,7 +110,7 @@ def lcm_acceleration(
 
 
 def moved_behind(L: float, leader_length: float, new_leader_length: float) -> float:
-    """L moved from the leader it was fitted behind to the leader of a replay [m] (SPEC section 3).
+    """L moved from the leader it was fitted behind to the leader of a replay [m] (equations.md 3.5).
 
     NaN for the length of a leader that nobody knows, as with published parameters, leaves L as it is.
     """
@@ -65,7 +122,7 @@ def moved_behind(L: float, leader_length: float, new_leader_length: float) -> fl
 def equilibrium_spacing(v: float, parameters: NDArray[np.float64]) -> float:
     """Spacing [m] at which a follower and its leader both drive at v [m/s]: s* (1 - ln(1 - v / v_desire)).
 
-    parameters: shape (6,), order of ``vocab.lcm_parameters.PARAMETERS``. NaN from v_desire on: no equilibrium
+    parameters: shape (6,), order of ``vocab.driver.PARAMETERS``. NaN from v_desire on: no equilibrium
     exists there.
     """
     v_desire, _, b, B, tau, L = parameters

@@ -1,4 +1,4 @@
-"""Losses of comfort and efficiency (paper, equations 5 to 7 and 12 to 19, conventions of SPEC section 4).
+"""Losses of comfort and efficiency (paper, equations 5 to 7 and 12 to 19, conventions: equations.md 4).
 
 Sums run over the samples t_k = k dt, both ends included. Cumulative sums are returned, so that one motion serves
 every accounting: the value at index k is the loss charged over 0 .. t_k.

@@ -1,4 +1,4 @@
-"""Quintic trajectories of a lane change (paper, equations 1 to 4, corrected as in SPEC sections 2 and 10).
+"""Quintic trajectories of a lane change (paper, equations 1 to 4, corrected: equations.md 2.1 and 10.1).
 
 With u = t / T, z = 6u^5 - 15u^4 + 10u^3 and q = -4u^3 + 7u^4 - 3u^5,
 

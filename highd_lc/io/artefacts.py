@@ -3,9 +3,16 @@
 Layout below the work folder: ``<table>.parquet`` for finished artefacts, ``tracks/recording=NN/`` for the one
 table that is too large to combine, and ``parts/<stage>/<NN>/<table>.parquet`` for what a stage made of one
 recording. A finished artefact holds one row group a recording, so that a recording is read alone.
+
+Value checks of artefacts in words, by pandera, built from the column list of vocab.tables.
+
+Whether the columns of an artefact hold what they may: found out by arrow, told by pandera.
+
+A recording's rows of an artefact by the row groups that it has to itself.
 """
 
 import json
+import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict
 from functools import cache
@@ -13,13 +20,121 @@ from pathlib import Path
 from typing import Any
 
 import pandas as pd
+import pandera.pandas as pandera
 import pyarrow as pa
+import pyarrow.compute as pc
 import pyarrow.parquet as pq
+from pandera.errors import SchemaError
 
-from highd_lc.io import atomic, row_groups, value_checks
+from highd_lc.io import atomic
 from highd_lc.vocab.errors import ArtefactError
 from highd_lc.vocab.job import Job, Provenance
-from highd_lc.vocab.tables import SCHEMA_VERSION, TABLES, Column, Table
+from highd_lc.vocab.tables import SCHEMA_VERSION, TABLES
+from highd_lc.vocab.tables.columns import Column, Table
+
+
+@cache
+def schema(name: str, chosen: tuple[str, ...]) -> pandera.DataFrameSchema:
+    """The pandera schema of some columns of a table: their ranges and allowed words."""
+    columns = {
+        c.name: pandera.Column(checks=_checks(c), nullable=c.nullable)
+        for c in limited(TABLES[name])
+        if c.name in chosen
+    }
+    return pandera.DataFrameSchema(columns, name=name)
+
+
+def _checks(column: Column) -> list[pandera.Check]:
+    checks = []
+    if column.minimum is not None:
+        checks.append(pandera.Check.ge(column.minimum))
+    if column.maximum is not None:
+        checks.append(pandera.Check.le(column.maximum))
+    if column.allowed:
+        checks.append(pandera.Check.isin(list(column.allowed)))
+    return checks
+
+
+def validate(table: Table, data: pa.Table) -> None:
+    """Check every value. Raises ArtefactError naming table, column and the first value that is not allowed."""
+    frame: pd.DataFrame = data.to_pandas()
+    try:
+        schema(table.name, tuple(frame.columns)).validate(frame)
+    except SchemaError as error:
+        raise ArtefactError(f"{table.name}: {_in_one_line(error)}") from error
+
+
+def _in_one_line(error: SchemaError) -> str:
+    return " ".join(str(error).split())[:300]
+
+
+def check_values(table: Table, data: pa.Table) -> None:
+    """Check ranges and allowed words of the columns present.
+
+    Arrow finds out in microseconds whether a column holds anything that is not allowed, pandera says what.
+    Raises ArtefactError naming table, column and the first value that is not allowed.
+    """
+    doubtful = [c.name for c in limited(table) if c.name in data.column_names and not _is_within(c, data[c.name])]
+    if doubtful and data.num_rows:
+        pass  # pandera takes a second to import and is hardly ever needed
+
+        validate(table, data.select(doubtful))
+
+
+def limited(table: Table) -> list[Column]:
+    """The columns of a table that may not hold every value of their type."""
+    return [c for c in table.columns if c.allowed or c.minimum is not None or c.maximum is not None]
+
+
+def _is_within(column: Column, values: pa.ChunkedArray) -> bool:
+    """Whether all values are certainly allowed; nulls are checked elsewhere, NaN may stand where a null may."""
+    if values.null_count == len(values):
+        return column.nullable
+    if column.allowed and not pc.all(pc.is_in(values, value_set=pa.array(column.allowed))).as_py():
+        return False
+    if column.minimum is None and column.maximum is None:
+        return True
+    if pa.types.is_floating(values.type) and pc.any(pc.is_nan(values)).as_py():
+        if not column.nullable:
+            return False
+        values = values.filter(pc.invert(pc.is_nan(values)))
+    ends = pc.min_max(values)
+    low = column.minimum is None or ends["min"].as_py() is None or ends["min"].as_py() >= column.minimum
+    high = column.maximum is None or ends["max"].as_py() is None or ends["max"].as_py() <= column.maximum
+    return bool(low and high)
+
+
+_COLUMN = "recording_id"
+
+
+def opened(path: Path) -> pa.NativeFile:
+    """A file to be read by arrow, which takes a path only if its name is UTF-8. Raises OSError."""
+    return pa.OSFile(os.fsencode(path))
+
+
+def of_recording(path: Path, recording: int, columns: list[str] | None) -> pa.Table | None:
+    """A recording's rows; None if it shares a row group, or the file does not tell.
+
+    Half the time of looking through the file for rows that meet a condition.
+    """
+    with opened(path) as source, pq.ParquetFile(source) as file:
+        chosen = _chosen(file.metadata, recording) if _COLUMN in file.schema_arrow.names else None
+        return None if chosen is None else file.read_row_groups(chosen, columns=columns)
+
+
+def _chosen(about: pq.FileMetaData, recording: int) -> list[int] | None:
+    place = about.schema.names.index(_COLUMN)
+    chosen = []
+    for k in range(about.num_row_groups):
+        held = about.row_group(k).column(place).statistics
+        if held is None or not held.has_min_max:
+            return None
+        if held.min <= recording <= held.max:
+            if held.min < held.max:
+                return None
+            chosen.append(k)
+    return chosen
+
 
 Condition = tuple[str, str, Any]
 """Column, comparison (as in ``pyarrow.parquet.read_table``) and value that rows must have to be read."""
@@ -148,7 +263,7 @@ def _about(provenance: Provenance) -> dict[bytes, bytes]:
 def concatenate(work: Path, stage: str, name: str, recordings: Iterable[int], provenance: Provenance) -> int:
     """Join a stage's parts into the finished artefact, one row group a recording. Returns its rows."""
     paths = [part_folder(work, stage, recording) / f"{name}.parquet" for recording in sorted(recordings)]
-    return write_groups(work, name, (pq.read_table(row_groups.opened(path)) for path in paths), provenance)
+    return write_groups(work, name, (pq.read_table(opened(path)) for path in paths), provenance)
 
 
 def write_groups(work: Path, name: str, groups: Iterable[pa.Table], provenance: Provenance) -> int:
@@ -205,9 +320,9 @@ def read_file(
     filters = [*where] if recording is None else [("recording_id", "==", recording), *where]
     try:
         provenance_of(path)
-        table = row_groups.of_recording(path, recording, columns) if recording is not None and not where else None
+        table = of_recording(path, recording, columns) if recording is not None and not where else None
         if table is None:
-            with row_groups.opened(path) as source:
+            with opened(path) as source:
                 table = pq.read_table(source, columns=columns, filters=filters or None, partitioning=None)
     except FileNotFoundError as error:
         raise ArtefactError(f"{path}: not found; run the stage that makes {name}") from error
@@ -227,7 +342,7 @@ def _to_frame(table: Table, data: pa.Table) -> pd.DataFrame:
 
 def provenance_of(path: Path) -> dict[str, Any]:
     """The provenance that an artefact carries. Raises ArtefactError if its schema version is another."""
-    with row_groups.opened(path) as source:
+    with opened(path) as source:
         about: dict[str, Any] = json.loads((pq.read_schema(source).metadata or {}).get(_METADATA, b"{}"))
     version = about.get("schema_version")
     if version != SCHEMA_VERSION:
@@ -239,7 +354,7 @@ def check(table: Table, data: pa.Table) -> None:
     """Check types, nulls and value ranges of the columns present. Raises ArtefactError at the first fault."""
     for problem in _type_problems(table, data):
         raise ArtefactError(f"{table.name}: {problem}")
-    value_checks.check_values(table, data)
+    check_values(table, data)
 
 
 def _type_problems(table: Table, data: pa.Table) -> Iterator[str]:

@@ -1,4 +1,7 @@
-"""Files that are whole or not there: temporary name, flush to disk, rename; and a ledger of what was written."""
+"""Files that are whole or not there: temporary name, flush to disk, rename; and a ledger of what was written.
+
+Files that are never half-written: temporary name, flush to disk, rename.
+"""
 
 import hashlib
 import os
@@ -117,3 +120,18 @@ def _sync_folder(folder: Path) -> None:
 
 def _reason(error: OSError) -> str:
     return " ".join((error.strerror or str(error)).split())
+
+
+@contextmanager
+def whole_file(path: Path) -> Iterator[BinaryIO]:
+    """A binary file that takes its place when the block ends without an error, and leaves nothing otherwise."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+    try:
+        with temporary.open("wb") as sink:
+            yield sink
+            sink.flush()
+            os.fsync(sink.fileno())
+        temporary.replace(path)
+    finally:
+        temporary.unlink(missing_ok=True)

@@ -1,4 +1,10 @@
-"""Typed reading of HighD's CSV files: only the columns asked for, and every fault named by file, column, row."""
+"""Typed reading of HighD's CSV files: only the columns asked for, and every fault named by file, column, row.
+
+Files that are taken for HighD's and are not: what their first line says they are.
+
+Sources of the columns: the documentation of exiD, inD, rounD and uniD (levelXdata), AD4CHE, NGSIM and TGSIM
+(US DOT open data), CitySim (UCF SST), INTERACTION, and pNEUMA (EPFL).
+"""
 
 import csv
 import io
@@ -14,10 +20,55 @@ import pyarrow.compute as pc
 from numpy.typing import NDArray
 from pyarrow import csv as arrow_csv
 
-from highd_lc.io import packed_file
-from highd_lc.io.highd_lookalikes import lookalike
+from highd_lc.io import plain_numbers
 from highd_lc.io.plain_numbers import EVERY, FIRST_FLOAT, FIRST_SAMPLED, read_plain
 from highd_lc.vocab.errors import InputError
+
+# The first that has all its columns, in whatever case, is the answer: the special before the general.
+_SETS = (
+    ("NGSIM", ("Vehicle_ID", "Local_X")),
+    ("TGSIM", ("xloc_kf", "yloc_kf")),
+    ("TGSIM", ("xloc-kf", "yloc-kf")),
+    ("exiD", ("trackId", "xCenter", "laneletId")),
+    ("exiD", ("trackId", "xCenter", "leadId")),
+    ("inD, rounD, uniD or exiD", ("trackId", "xCenter")),
+    ("inD, rounD, uniD or exiD", ("recordingId", "locationId", "orthoPxToMeter")),
+    ("inD, rounD, uniD or exiD", ("recordingId", "trackId", "numFrames")),
+    ("AD4CHE", ("laneMarkings",)),
+    ("CitySim", ("carId", "carCenterX")),
+    ("INTERACTION", ("track_id", "timestamp_ms")),
+    ("pNEUMA", ("track_id", "traveled_d")),
+)
+_SEPARATORS = {";": "';'", "\t": "tabs", "|": "'|'"}
+_DECIMAL_COMMAS = " (as spreadsheets save it in languages with decimal commas)"
+
+
+def lookalike(line: str) -> str:
+    """What a file with this first line looks like, as in "it looks like ..."; empty if nothing is known of it."""
+    if line.startswith(("\\xff\\xfe", "\\xfe\\xff")) or "\0" in line:
+        return "UTF-16 text"
+    if line.lstrip().lower().startswith(("<!doctype", "<html", "<?xml")):
+        return "a web page, not a download of data"
+    if line.startswith("version https://git-lfs"):
+        return "a pointer of Git LFS, whose data was not fetched"
+    separator = max([",", *_SEPARATORS], key=line.count)
+    cells = [cell.strip().strip('"').lower() for cell in line.split(separator)]
+    names = [name for name, columns in _SETS if {column.lower() for column in columns} <= set(cells)]
+    known = f"one of {names[0]}" if names else ""
+    if separator in _SEPARATORS:
+        apart = f"{_SEPARATORS[separator]} between cells"
+        return (
+            f"{known}, with {apart}" if known else f"a table with {apart}" + _DECIMAL_COMMAS * (separator == ";")
+        )
+    return known or ("rows without a header line" if _all_numbers(cells) else "")
+
+
+def _all_numbers(cells: Sequence[str]) -> bool:
+    try:
+        return bool([float(cell) for cell in cells])
+    except ValueError:
+        return False
+
 
 Array = NDArray[np.float64] | NDArray[np.int64] | NDArray[np.str_]
 
@@ -84,7 +135,7 @@ def read_columns(path: Path, fields: Sequence[Field]) -> dict[str, Array]:
     present = [field for field in fields if field.name in header]
     try:
         columns = _read_plain(path, header, present) or _read_general(path, header, present)
-    except packed_file.FAULTS as error:
+    except plain_numbers.FAULTS as error:
         raise fault(path, f"cannot be read: {error}") from error
     unknown = np.full(len(columns[present[0].name]), np.nan)
     return {f.name: columns.get(f.name, unknown[::EVERY] if f.sampled else unknown) for f in fields}
@@ -125,7 +176,7 @@ def _read_general(path: Path, header: list[str], fields: Sequence[Field]) -> dic
 
 def _read(path: Path, header: list[str], types: Mapping[str, pa.DataType]) -> pa.Table:
     """One thread: the engine runs recordings side by side, and one thread costs 30 % less CPU time."""
-    with packed_file.open_bytes(path) as file:
+    with plain_numbers.open_bytes(path) as file:
         return arrow_csv.read_csv(
             file,
             read_options=arrow_csv.ReadOptions(use_threads=False, column_names=header, skip_rows=1),
@@ -199,9 +250,9 @@ def first_line(path: Path) -> str:
     Raises InputError if the file cannot be read.
     """
     try:
-        with packed_file.open_bytes(path) as file:
+        with plain_numbers.open_bytes(path) as file:
             line = file.readline(4096)
-    except packed_file.FAULTS as error:
+    except plain_numbers.FAULTS as error:
         raise fault(path, f"cannot be read: {error}") from error
     return line.decode("utf-8-sig", errors="backslashreplace").strip()
 
@@ -209,13 +260,13 @@ def first_line(path: Path) -> str:
 def _lines(path: Path) -> Iterator[tuple[int, list[str]]]:
     """Line numbers and cells. A byte order mark is dropped; bytes that are no UTF-8 are shown escaped."""
     try:
-        with packed_file.open_bytes(path) as file:
+        with plain_numbers.open_bytes(path) as file:
             reader = csv.reader(io.TextIOWrapper(file, "utf-8-sig", errors="backslashreplace", newline=""))
             for cells in reader:
                 yield reader.line_num, [cell.strip() for cell in cells]
     except FileNotFoundError:
         raise fault(path, "not found") from None
-    except (*packed_file.FAULTS, csv.Error) as error:
+    except (*plain_numbers.FAULTS, csv.Error) as error:
         raise fault(path, f"cannot be read: {error}") from error
 
 

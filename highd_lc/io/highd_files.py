@@ -9,8 +9,7 @@ import re
 from collections.abc import Iterator
 from pathlib import Path
 
-from highd_lc.io.highd_csv import fault, first_line
-from highd_lc.io.highd_lookalikes import lookalike
+from highd_lc.io.highd_csv import fault, first_line, lookalike
 from highd_lc.vocab.errors import InputError
 
 KINDS = ("recordingMeta", "tracksMeta", "tracks")

@@ -10,14 +10,13 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from highd_lc.algorithms.traffic_film import Film
-from highd_lc.algorithms.traffic_lanes import REFERENCE_LENGTH
-from highd_lc.algorithms.traffic_state import BROKEN_OFF, RETURN, FloatArray, IntArray, Record, Records
+from highd_lc.traffic.film import Film
+from highd_lc.traffic.lanes import BROKEN_OFF, REFERENCE_LENGTH, RETURN, FloatArray, IntArray, Record, Records
 from highd_lc.vocab import names
-from highd_lc.vocab.lcm_parameters import PARAMETERS
+from highd_lc.vocab.driver import PARAMETERS
 
 MOVING = 0.1
-"""Lateral speed of the path whose passings are reported [m/s] (SPEC section 11)."""
+"""Lateral speed of the path whose passings are reported [m/s] (equations.md 11.6)."""
 TRUTH_COLUMNS = (
     "vehicle_id", "kind", "origin_lane", "target_lane", "start_s", "moving_from_s", "crossing_s", "moving_to_s",
     "end_s", "start_frame", "crossing_frame", "end_frame", "complete_in_view", "path_in_view", "origin_leader_id",

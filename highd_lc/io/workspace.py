@@ -1,19 +1,32 @@
-"""A work folder: its lock, its log, the hashes of what it was made from, and what no longer belongs in it."""
+"""A work folder: its lock, its log, the hashes of what it was made from, and what no longer belongs in it.
+
+The manifest of a work folder: which parts are finished, under which key, and the files that they consist of.
+
+``parts/<stage>/NN.json`` stands for a stage's work on recording NN, ``parts/<stage>.json`` for its artefacts.
+A record is removed before its work begins anew and written after all of its files: what it says is true at any
+moment at which the process may be killed.
+
+The recordings that a run starts from: their files, a hash of each, and whether they are what they were.
+"""
 
 import fcntl
 import hashlib
 import json
+import os
 import shutil
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import cache
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any, TextIO
 
-from highd_lc.io import atomic
+from highd_lc.io import atomic, highd_files
+from highd_lc.io.atomic import Written
+from highd_lc.io.settings import digest
 from highd_lc.vocab.errors import InputError, StorageError, UsageError
+from highd_lc.vocab.job import JobReport, Problem
 
 
 @cache
@@ -153,3 +166,84 @@ class InputHashes:
 def _stamp(path: Path) -> list[int]:
     stat = path.stat()
     return [stat.st_size, stat.st_mtime_ns]
+
+
+@dataclass(frozen=True)
+class Records:
+    """The records of a work folder. verify: hash the files of finished work instead of looking at their sizes."""
+
+    work: Path
+    verify: bool = False
+
+    def finished(self, stage: str, key: str, recording: int | None = None) -> JobReport | None:
+        """The report of work finished under that key with all its files in place; None if it has to be done."""
+        record = read_json(self._file(stage, recording))
+        if record.get("key") != key or not self._in_place(record.get("files", {})):
+            return None
+        problems = tuple(Problem(**problem) for problem in record.get("problems", []))
+        return JobReport(record.get("counts", {}), problems)
+
+    def forget(self, stage: str, recording: int | None = None) -> None:
+        """Remove a record: the first step of doing its work anew."""
+        self._file(stage, recording).unlink(missing_ok=True)
+
+    def remember(
+        self, stage: str, key: str, *, report: JobReport, files: Iterable[Written], recording: int | None = None
+    ) -> None:
+        """Write down that work is finished: the last step of it."""
+        base = self.work.resolve()
+        listed = {os.path.relpath(f.path.resolve(), base): [f.size, f.sha256] for f in files}
+        record = {"key": key, **asdict(report), "files": listed}
+        atomic.write_text(self._file(stage, recording), json.dumps(record, indent=1, sort_keys=True))
+
+    def _file(self, stage: str, recording: int | None) -> Path:
+        name = f"{stage}.json" if recording is None else f"{stage}/{recording:02d}.json"
+        return self.work / "parts" / name
+
+    def _in_place(self, files: dict[str, tuple[int, str]]) -> bool:
+        base = self.work.resolve()
+        return all(self._is_whole(base / name, size, sha256) for name, (size, sha256) in files.items())
+
+    def _is_whole(self, path: Path, size: int, sha256: str) -> bool:
+        try:
+            return path.stat().st_size == size and (not self.verify or atomic.content_hash(path) == sha256)
+        except OSError:
+            return False
+
+
+@dataclass(frozen=True)
+class Inputs:
+    """The recordings of a data folder. files: of each readable recording, largest recording first; keys: hash of
+    each one's files; problems: recordings that cannot be read.
+    """
+
+    data: Path
+    files: dict[int, tuple[Path, ...]]
+    keys: dict[int, str]
+    problems: tuple[Problem, ...]
+    hashes: InputHashes
+
+    def refuse_changed(self, recording: int) -> None:
+        """Raises InputError if a file of the recording is no longer the one that its key was made of."""
+        for path in self.files[recording]:
+            self.hashes.refuse_changed(path)
+
+
+def find_inputs(data: Path, work: Path, *, verify: bool) -> Inputs:
+    """Find the recordings of a folder and hash their files; verify: even those that look unchanged.
+
+    Raises InputError if the folder is missing or holds no recording, StorageError if the hashes cannot be kept.
+    """
+    hashes = InputHashes.open(work, verify=verify)
+    files: dict[int, tuple[Path, ...]] = {}
+    keys: dict[int, str] = {}
+    problems = []
+    for recording in highd_files.discover(data):
+        try:
+            files[recording] = highd_files.input_files(data, recording)
+            keys[recording] = digest(*map(hashes.of, files[recording]))
+        except InputError as error:
+            problems.append(Problem(recording, "ingest", str(error), lost=True))
+    hashes.save()
+    largest_first = sorted(keys, key=lambda r: (-sum(hashes.size_of(path) for path in files[r]), r))
+    return Inputs(data, {r: files[r] for r in largest_first}, keys, tuple(problems), hashes)

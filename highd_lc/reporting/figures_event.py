@@ -1,10 +1,19 @@
-"""The figure of an event: fresh and vectorised for a paper, or painted fast for thousands of events."""
+"""The figure of an event: fresh and vectorised for a paper, or painted fast for thousands of events.
+
+What the figure of an event shows: the scene at the start, motions over time, losses by policy.
+
+Limits are rounded outwards to coarse steps: they read better, and events share the painter's backgrounds.
+"""
 
 import io
+import math
 from collections import OrderedDict
+from collections.abc import Callable, Iterable
+from dataclasses import replace
 from itertools import zip_longest
 from typing import Any, Final
 
+import numpy as np
 from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -15,10 +24,192 @@ from matplotlib.transforms import Bbox
 from PIL import Image
 
 from highd_lc.reporting import labels
-from highd_lc.reporting.drawing import FONT_SIZE, INK, QUIET, Panel, dress, fill, span
-from highd_lc.reporting.event import EventReport
+from highd_lc.reporting.drawing import (
+    FONT_SIZE,
+    INK,
+    QUIET,
+    ROAD,
+    Block,
+    Curve,
+    FloatArray,
+    Note,
+    Panel,
+    dress,
+    fill,
+    span,
+)
+from highd_lc.reporting.event import EventReport, Path, Play
 from highd_lc.reporting.html import percent
-from highd_lc.reporting.panels_event import SHOWN, event_panels
+from highd_lc.vocab import names
+
+SHOWN: Final = (
+    names.HUMAN,
+    names.BENCHMARK_FREE,
+    names.LOCAL_OPTIMUM_FREE,
+    names.BENCHMARK,
+    names.LOCAL_OPTIMUM,
+)
+"""Policies whose motions are drawn, the most important on top."""
+_TIME: Final = "time since start [s]"
+
+
+def event_panels(report: EventReport) -> dict[str, Panel]:
+    """The panels of an event's figure by name, as ``figures_event`` places them."""
+    return {
+        "scene": _scene(report),
+        "lateral": _over_time(report, "AV lateral position", "y [m]", lambda p: [p.ego.y], step=1.0),
+        "speed": _over_time(report, "AV speed", "v [m/s]", lambda p: [p.ego.v], step=5.0),
+        "acceleration": _over_time(report, "AV acceleration", "a [m/s²]", lambda p: [p.ego.a], step=1.0),
+        "hv_speed": _followers(report, "Followers' speed", "v [m/s]", lambda f: f.v, step=5.0),
+        "hv_acceleration": _followers(report, "Followers' acceleration", "a [m/s²]", lambda f: f.a, step=1.0),
+        "loss": _losses(report),
+    }
+
+
+def _over_time(
+    report: EventReport, title: str, label: str, pick: Callable[[Play], list[FloatArray]], *, step: float
+) -> Panel:
+    plays = [play for policy in SHOWN if (play := report.play(policy)) is not None]
+    curves = [_curve(report, play, values) for play in plays for values in pick(play)]
+    return Panel(title, _TIME, label, _limits(report, curves, step), tuple(curves))
+
+
+def _followers(
+    report: EventReport, title: str, label: str, pick: Callable[[Path], FloatArray], *, step: float
+) -> Panel:
+    plays = [p for q in (names.BENCHMARK, names.LOCAL_OPTIMUM) if (p := report.play(q)) is not None]
+    if not plays and (human := report.play(names.HUMAN)) is not None:
+        plays = [human]
+    curves, notes = [], []
+    for play in plays:
+        for rank, path in enumerate(play.followers, start=1):
+            curves.append(_curve(report, play, pick(path), thin=rank - 1))
+    limits = _limits(report, curves, step)
+    if plays:
+        notes = _end_notes(report, [pick(path) for path in plays[-1].followers], limits)
+    return Panel(title, _TIME, label, limits, tuple(curves), notes=tuple(notes))
+
+
+def _curve(report: EventReport, play: Play, values: FloatArray, *, thin: int = 0) -> Curve:
+    look = labels.POLICIES[play.policy]
+    t = report.dt * np.arange(values.size)
+    return Curve(t, values, look.light, max(1.4 - 0.25 * thin, 0.5), (4, 2) if look.dashed else None)
+
+
+def _end_notes(report: EventReport, ends: list[FloatArray], limits: tuple[float, ...]) -> list[Note]:
+    # The rank of each follower at the end of its curve, pushed apart where curves end close together.
+    apart = 0.075 * (limits[3] - limits[2])
+    notes: list[Note] = []
+    last = -math.inf
+    ranked = sorted((float(v[-1]), rank) for rank, v in enumerate(ends, start=1) if np.isfinite(v[-1]))
+    for value, rank in ranked:
+        last = max(value, last + apart)
+        notes.append(Note(report.dt * (ends[0].size - 1) + 0.15, last, str(rank), colour=QUIET))
+    over = max(0.0, last - limits[3] + apart / 2)
+    return [replace(note, y=note.y - over) for note in notes]
+
+
+def _limits(report: EventReport, curves: Iterable[Curve], step: float) -> tuple[float, float, float, float]:
+    values = [curve.y[np.isfinite(curve.y)] for curve in curves]
+    known = np.concatenate(values) if values else np.zeros(1)
+    low, high = (float(known.min()), float(known.max())) if known.size else (0.0, 0.0)
+    low, high = step * math.floor(low / step - 0.05), step * math.ceil(high / step + 0.05)
+    duration = max((play.ego.x.size - 1) * report.dt for play in report.plays) if report.plays else 15.0
+    return (0.0, math.ceil(duration) + 0.6, low, max(high, low + 2 * step))
+
+
+def _losses(report: EventReport) -> Panel:
+    policies = [q for q in reversed(names.POLICIES) if report.plan(q) is not None]
+    blocks, notes, longest = [], [], 1.0
+    for row, policy in enumerate(policies):
+        loss = report.loss(policy)
+        if loss is None or not math.isfinite(loss["loss_total"]):
+            status = labels.STATUSES[report.plan(policy)["status"]]  # type: ignore[index]
+            notes.append(Note(0.3, row, status, colour=QUIET))
+            continue
+        left = 0.0
+        for name, _, colour in labels.LOSS_PARTS:
+            half = 0.5 * float(loss[name]) if math.isfinite(loss[name]) else 0.0
+            blocks.append(Block(left, row - 0.34, half, 0.68, colour))
+            left += half
+        notes.append(Note(left, row, f" {loss['loss_total']:.2f}"))
+        longest = max(longest, left)
+    limits = (0.0, 10.0 * math.ceil(1.3 * longest / 10.0), -0.6, len(policies) - 0.4)
+    title = f"Losses ({labels.ACCOUNTING_NAMES[names.PRIMARY_ACCOUNTING].lower()} accounting)"
+    short = tuple(_shortest(q) for q in policies)
+    return Panel(title, "loss (normalised, no unit)", "", limits, (), tuple(blocks), tuple(notes), short)
+
+
+def _shortest(policy: str) -> str:
+    return labels.short_policy(policy).replace("Local optimum,", "Local,").replace("Benchmark,", "Bench.,")
+
+
+def _scene(report: EventReport) -> Panel:
+    boxes = [(role, path) for role, path in _at_start(report).items() if role in report.boxes]
+    centres = [float(path.x[0]) for _, path in boxes if abs(path.x[0]) < 200]
+    ends = [p.ego.x[_last(p, report)] for q in SHOWN if (p := report.play(q)) is not None]
+    low = 20.0 * math.floor(min([0.0, *centres]) / 20.0 - 0.4)
+    high = 20.0 * math.ceil(max([60.0, *centres, *(float(x) for x in ends if np.isfinite(x))]) / 20.0 + 0.2)
+    lower = max(y for y in report.markings if y < report.divider - 1.0)
+    upper = min(y for y in report.markings if y > report.divider + 1.0)
+    road = Block(low, lower, high - low, upper - lower, ROAD)
+    marking = Curve(np.array([low, high]), np.full(2, report.divider), QUIET, 0.6, (6, 6))
+    paths = tuple(_path(p, report) for q in SHOWN if (p := report.play(q)) is not None)
+    blocks, notes = [road], []
+    for role, path in boxes:
+        if low < path.x[0] < high:
+            blocks.append(_box(report, role, path))
+            notes.append(_box_note(report, role, path))
+    sides = [(float(path.y[0]), report.boxes[role].width / 2) for role, path in boxes]
+    bottom, top = min([lower, *(y - half for y, half in sides)]), max([upper, *(y + half for y, half in sides)])
+    limits = (low, high, math.floor(bottom) - 2.0, math.ceil(top) + 2.0)
+    return Panel(
+        "Scene at the start, and the paths of the lane change",
+        "x [m]",
+        "y [m]",
+        limits,
+        (marking, *paths),
+        tuple(blocks),
+        tuple(notes),
+    )
+
+
+def _at_start(report: EventReport) -> dict[str, Path]:
+    play = report.plays[0] if report.plays else None
+    followers = (
+        {}
+        if play is None
+        else {names.target_follower(rank): path for rank, path in enumerate(play.followers, start=1)}
+    )
+    return {**({} if play is None else {names.EGO: play.ego}), **report.others, **followers}
+
+
+def _last(play: Play, report: EventReport) -> int:
+    duration = play.T if math.isfinite(play.T) else float(report.event["duration_s"])
+    return min(round(duration / report.dt), play.ego.x.size - 1)
+
+
+def _path(play: Play, report: EventReport) -> Curve:
+    look = labels.POLICIES[play.policy]
+    stop = _last(play, report) + 1
+    return Curve(play.ego.x[:stop], play.ego.y[:stop], look.light, 1.2, (4, 2) if look.dashed else None)
+
+
+def _box(report: EventReport, role: str, path: Path) -> Block:
+    box = report.boxes[role]
+    fill = "#0072B2" if role == names.EGO else "#ffffff" if role.startswith(names.TARGET_FOLLOWER) else "#b4babf"
+    return Block(
+        float(path.x[0]) - box.length / 2, float(path.y[0]) - box.width / 2, box.length, box.width, fill, INK
+    )
+
+
+def _box_note(report: EventReport, role: str, path: Path) -> Note:
+    # Beside the road where the lane is the outer one, so that no label crosses the marking.
+    outside = 1.0 if path.y[0] > report.divider else -1.0
+    y = float(path.y[0]) + outside * (report.boxes[role].width / 2 + 1.0)
+    name = labels.role(role).replace("target ", "").replace("origin ", "")
+    return Note(float(path.x[0]), y, name, "center", QUIET)
+
 
 _SIZE: Final = (7.2, 5.6)
 _DPI: Final = 150

@@ -1,6 +1,6 @@
 """Figures of ingest and extraction: the funnel, the data's quality, the lane changes' distributions.
 
-Tables in, Figure out. Published numbers (all 60 recordings of HighD, SPEC section 11) are drawn beside ours.
+Tables in, Figure out. Published numbers (all 60 recordings of HighD, equations.md 11.5) are drawn beside ours.
 """
 
 from typing import Final

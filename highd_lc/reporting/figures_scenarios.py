@@ -15,11 +15,10 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
-from highd_lc.algorithms.platoon import Platoon, time_headways
 from highd_lc.core.quintic import Quintic, Samples, sample
 from highd_lc.reporting import labels
-from highd_lc.reporting.drawing import INK, QUIET
-from highd_lc.reporting.plain_axes import LEGEND, SIZE, label, panels
+from highd_lc.reporting.drawing import INK, LEGEND, QUIET, SIZE, label, panels
+from highd_lc.scenarios.platoon import Platoon, time_headways
 from highd_lc.vocab import names
 
 FloatArray = NDArray[np.float64]

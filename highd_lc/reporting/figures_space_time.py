@@ -14,9 +14,8 @@ from matplotlib.patches import Rectangle
 from numpy.typing import NDArray
 
 from highd_lc.reporting import labels
-from highd_lc.reporting.drawing import INK, QUIET
+from highd_lc.reporting.drawing import INK, LEGEND, QUIET, SIZE, colour_bar, label, panels
 from highd_lc.reporting.figures_scenarios import PAIR, Story
-from highd_lc.reporting.plain_axes import LEGEND, SIZE, colour_bar, label, panels
 from highd_lc.vocab import names
 
 FloatArray = NDArray[np.float64]

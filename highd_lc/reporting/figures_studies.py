@@ -11,12 +11,11 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from highd_lc.reporting import labels
-from highd_lc.reporting.drawing import DARK, INK, LINE, QUIET
+from highd_lc.reporting.drawing import DARK, INK, LEGEND, LINE, QUIET, SIZE, colour_bar, panels
 from highd_lc.reporting.figures_population import CELL_COLOURS
 from highd_lc.reporting.html import number
-from highd_lc.reporting.plain_axes import LEGEND, SIZE, colour_bar, panels
 from highd_lc.vocab import names
-from highd_lc.vocab.study_tables import FOLLOWER_MODELS, FRONT, SWEEP
+from highd_lc.vocab.tables.studies import FOLLOWER_MODELS, FRONT, SWEEP
 
 FloatArray = NDArray[np.float64]
 

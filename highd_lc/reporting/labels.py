@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from highd_lc.vocab import names
-from highd_lc.vocab.study_tables import IDM, LCM, LCM_DRAWN
+from highd_lc.vocab.tables.studies import IDM, LCM, LCM_DRAWN
 from highd_lc.vocab.tracking import KINEMATIC, MULTI_BODY
 
 RECORDED: Final = "recorded"

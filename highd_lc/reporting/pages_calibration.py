@@ -12,10 +12,10 @@ from highd_lc.reporting import html, labels
 from highd_lc.reporting.event import FitTrace
 from highd_lc.reporting.figures_population import ALL
 from highd_lc.reporting.figures_studies import fits_figure
-from highd_lc.reporting.overview import Column, Section, TableView, overview_page, table_view
+from highd_lc.reporting.pages_data import Column, Section, TableView, overview_page, table_view
 from highd_lc.vocab import names
-from highd_lc.vocab.fit_tables import BELIEVED
-from highd_lc.vocab.lcm_parameters import PARAMETERS, UNITS
+from highd_lc.vocab.driver import PARAMETERS, UNITS
+from highd_lc.vocab.tables.summaries import BELIEVED
 
 
 @dataclass(frozen=True)

@@ -8,8 +8,8 @@ import pandas as pd
 from markupsafe import Markup
 
 from highd_lc.reporting import html, labels
-from highd_lc.reporting.crosslinks import TO_REPORT
-from highd_lc.reporting.overview import Column, Section, TableView, table_view
+from highd_lc.reporting.html import TO_REPORT
+from highd_lc.reporting.pages_data import Column, Section, TableView, table_view
 from highd_lc.vocab import names
 
 PAGES: Final = (("index.html", "Scenarios"), ("ledger.html", "Ledger of published numbers"))

@@ -8,7 +8,7 @@ import pandas as pd
 
 from highd_lc.reporting import figures_studies as figures
 from highd_lc.reporting import html, labels
-from highd_lc.reporting.overview import Column, Section, overview_page, table_view
+from highd_lc.reporting.pages_data import Column, Section, overview_page, table_view
 from highd_lc.vocab import names
 
 _WORST_SHOWN: Final = 50
@@ -16,7 +16,7 @@ _WORST_SHOWN: Final = 50
 
 @dataclass(frozen=True)
 class StudyTables:
-    """Artefacts of the studies: each a table of ``vocab.study_tables``."""
+    """Artefacts of the studies: each a table of ``vocab.tables.studies``."""
 
     cross_scores: pd.DataFrame
     horizon_sensitivity: pd.DataFrame

@@ -13,9 +13,15 @@ from highd_lc.reporting import figures_population as figures
 from highd_lc.reporting import html, labels
 from highd_lc.reporting.event import PAIRS
 from highd_lc.reporting.figures_studies import gain_map_figure
-from highd_lc.reporting.overview import Column, Section, overview_page, table_view
 from highd_lc.reporting.pages_calibration import table3_section
-from highd_lc.reporting.pages_data import funnel_section, quality_section
+from highd_lc.reporting.pages_data import (
+    Column,
+    Section,
+    funnel_section,
+    overview_page,
+    quality_section,
+    table_view,
+)
 from highd_lc.reporting.pages_population import matrix_section, with_labels
 from highd_lc.reporting.pages_studies import pareto_section
 from highd_lc.reporting.run_words import Said

@@ -13,7 +13,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from highd_lc.core.differences import known_spans, level_differences
+from highd_lc.core.kinematics import known_spans, level_differences
 from highd_lc.reporting import labels
 from highd_lc.reporting.event import EventReport, FitTrace, Path, Play, Surface, TrackTrace
 from highd_lc.vocab import names

@@ -14,7 +14,7 @@ from highd_lc.reporting import html, labels
 from highd_lc.reporting.event import PAIRS
 from highd_lc.reporting.figures_population import ALL
 from highd_lc.vocab import names
-from highd_lc.vocab.study_tables import TOGETHER
+from highd_lc.vocab.tables.studies import TOGETHER
 
 Said = tuple[str, tuple[str, ...]]
 """A heading of few words, and the paragraphs below it."""

@@ -6,17 +6,25 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from highd_lc.algorithms.calibration import FollowerFit, fit_follower, follower_seed, method_name, unfitted
-from highd_lc.algorithms.fitted_drivers import EVERYBODY, FittedDrivers, pool_drivers, refit, with_parameters
-from highd_lc.algorithms.identifiability import Identifiability, identifiability
-from highd_lc.algorithms.pooling import PoolingStudy, study_pooling
 from highd_lc.core.drive import hardest_braking
 from highd_lc.core.lcm import moved_behind
-from highd_lc.io import artefacts, lcm_summary
-from highd_lc.io.follower_tracks import RecordedFollower, recorded_followers, track_of, track_row
+from highd_lc.drivers.calibration import FollowerFit, fit_follower, follower_seed, method_name, unfitted
+from highd_lc.drivers.identifiability import Identifiability, identifiability
+from highd_lc.drivers.pooling import (
+    EVERYBODY,
+    FittedDrivers,
+    PoolingStudy,
+    pool_drivers,
+    refit,
+    study_pooling,
+    with_parameters,
+)
+from highd_lc.io import artefacts
+from highd_lc.stages import population_tables
+from highd_lc.stages.scenes import RecordedFollower, recorded_followers, track_of, track_row
 from highd_lc.vocab import names
+from highd_lc.vocab.driver import PARAMETERS, TABLE3_MEANS
 from highd_lc.vocab.job import Combination, Job, JobReport
-from highd_lc.vocab.lcm_parameters import PARAMETERS, TABLE3_MEANS
 from highd_lc.vocab.tables import TABLES
 
 STAGE = "calibrate"
@@ -115,9 +123,9 @@ def combine(combination: Combination) -> JobReport:
     artefacts.concatenate(work, STAGE, "follower_tracks", recordings, combination.provenance)
     own = frame[frame["status"] == names.FITTED]
     for name, table in (
-        ("summary_lcm", lcm_summary.summarise_fits(own)),
-        ("identifiability", lcm_summary.identifiability_rows(identified, own)),
-        ("pooling", lcm_summary.pooling_rows(pooling)),
+        ("summary_lcm", population_tables.summarise_fits(own)),
+        ("identifiability", population_tables.identifiability_rows(identified, own)),
+        ("pooling", population_tables.pooling_rows(pooling)),
     ):
         groups = iter([artefacts.to_arrow(name, table, combination.provenance)])
         artefacts.write_groups(work, name, groups, combination.provenance)

@@ -7,9 +7,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from highd_lc.algorithms import contradictions
-from highd_lc.algorithms.contradictions import Seconds
-from highd_lc.algorithms.data_quality import VehicleFacts
+from highd_lc.extraction import data_quality
+from highd_lc.extraction.data_quality import Seconds, VehicleFacts
 from highd_lc.io.highd import Recording, input_files
 from highd_lc.vocab import names
 from highd_lc.vocab.cross_checks import CROSS_CHECKS, META, TRACKS, VEHICLES, CrossCheck
@@ -206,7 +205,7 @@ def _why_outside(recording: Recording, wrong: IntArray) -> str:
 def _lane_edges(recording: Recording) -> Finding:
     metas, tracks, meta = recording.vehicles, recording.road.tracks, recording.meta
     markings = {1: meta.upper - meta.upper[:1], 2: (meta.lower[-1:] - meta.lower)[::-1]}
-    vehicle, offset, half_way = contradictions.crossing_offsets(
+    vehicle, offset, half_way = data_quality.crossing_offsets(
         tracks.index, tracks.y, tracks.lane, markings=markings, direction=metas.direction
     )
     agrees = np.abs(offset) <= CROSS_CHECKS["lane_edges"].tolerance + half_way
@@ -227,7 +226,7 @@ def _lane_edges(recording: Recording) -> Finding:
 
 def _motions(recording: Recording) -> dict[str, Finding]:
     tracks = recording.road.tracks
-    seconds = contradictions.seconds_of(tracks.index, frame_rate=recording.meta.frame_rate)
+    seconds = data_quality.seconds_of(tracks.index, frame_rate=recording.meta.frame_rate)
     seconds = seconds.chosen(_away_from_ends(recording, seconds))
     pairs = {
         "speed": (tracks.x, tracks.vx),
@@ -243,7 +242,7 @@ def _motion(
 ) -> Finding:
     """A column against the quantity whose rate it holds."""
     metas, check, vehicle = recording.vehicles, CROSS_CHECKS[name], seconds.vehicle
-    recorded = contradictions.means(rate_column, seconds.first, seconds.frames)
+    recorded = data_quality.means(rate_column, seconds.first, seconds.frames)
     measured = quantity[seconds.last] - quantity[seconds.first]
     measured *= recording.meta.frame_rate / seconds.frames
     if check.biased:
@@ -277,7 +276,7 @@ def _slopes(vehicle: IntArray, measured: FloatArray, recorded: FloatArray, n_veh
 
 
 def _away_from_ends(recording: Recording, seconds: Seconds) -> BoolArray:
-    """Near the ends of the section positions and speeds disagree by up to 0.8 m/s (HIGHD.md, pitfall 3)."""
+    """Near the ends of the section positions and speeds disagree by up to 0.8 m/s (equations.md 16.3)."""
     entry, stop = recording.road.extent[recording.vehicles.direction - 1][seconds.vehicle].T
     first, last = (recording.road.tracks.x[rows] for rows in (seconds.first, seconds.last))
     low, high = np.minimum(first, last), np.maximum(first, last)
@@ -303,7 +302,7 @@ def _why_motion(recording: Recording, name: str, factor: float) -> str:
 
 def _neighbours(recording: Recording) -> dict[str, Finding]:
     metas, tracks, rate = recording.vehicles, recording.road.tracks, recording.meta.frame_rate
-    found = contradictions.neighbours(
+    found = data_quality.neighbours(
         tracks.index, tracks.x, tracks.lane, ids=metas.id, direction=metas.direction, frame_rate=rate
     )
     leader, follower = found.leader, found.follower
@@ -320,7 +319,7 @@ def _gaps(recording: Recording) -> Finding:
     metas, tracks, samples = recording.vehicles, recording.road.tracks, recording.samples
     some = np.flatnonzero(np.isfinite(samples.gap) & (samples.gap != 0))
     vehicle, row = samples.vehicle[some], samples.row[some]
-    gap = contradictions.gaps_to(
+    gap = data_quality.gaps_to(
         tracks.index, tracks.x, vehicle=vehicle, row=row, leader_id=tracks.leader_id[row], ids=metas.id,
         length=metas.length,
     )  # fmt: skip

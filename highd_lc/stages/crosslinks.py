@@ -3,9 +3,9 @@
 from pathlib import Path
 from typing import Final
 
-from highd_lc.io.whole_file import whole_file
+from highd_lc.io.atomic import whole_file
 from highd_lc.reporting import html, pages_scenarios
-from highd_lc.reporting.crosslinks import TO_REPORT, TO_SCENARIOS, Crosslink
+from highd_lc.reporting.html import TO_REPORT, TO_SCENARIOS, Crosslink
 
 _SCENARIOS: Final = "scenarios"
 

@@ -1,28 +1,249 @@
-"""One recording's artefacts to the reports of its events: rows as they are, recorded motion on the page's grid."""
+"""One recording's artefacts to the reports of its events: rows as they are, recorded motion on the page's grid.
+
+What lies behind an event's tables, computed again for drawing: loss surface, fits, tracking.
+
+What the policies did in an event, replayed from the tabulated plans for drawing.
+"""
 
 from collections import defaultdict
-from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Final
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from functools import cache
+from typing import Any, Final
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from highd_lc.algorithms import planner
+from highd_lc.core.car_following import TIME_STEP, simulate
+from highd_lc.core.drive import hardest_braking
+from highd_lc.core.quintic import Quintic
+from highd_lc.drivers.calibration import RecordedMotion, following_track
 from highd_lc.io import artefacts
-from highd_lc.io.scenes import Columns, SceneTables, read_scene_tables
+from highd_lc.planning import planner
+from highd_lc.planning.planner import FORM_OF, PlanningProblem
+from highd_lc.planning.pool import ON_SURFACE, SurfacePoint, loss_surface
+from highd_lc.planning.replay import AvMotion, drive_on, follow, human_motion, plan_motion
+from highd_lc.planning.scene import Motion, PackedScene, Scene, leaders_of
+from highd_lc.planning.start_planner import FORM_OF_START, key_of, replay_start
+from highd_lc.planning.starts import Key, StartProblem, pose_starts
 from highd_lc.reporting import labels
-from highd_lc.reporting.event import Box, EventReport, Path, Play, Row
-from highd_lc.stages.event_plays import leads, policy_plays, surrounding
-from highd_lc.stages.event_traces import Track, fit_traces, surface_of, track_traces
+from highd_lc.reporting.event import Box, EventReport, FitTrace, Path, Play, Row, Surface, TrackTrace
+from highd_lc.stages.scenes import Columns, SceneTables, read_scene_tables
+from highd_lc.tracking.closed_loop import Controller, controller, errors_and_inputs
+from highd_lc.tracking.plan_tracking import plan_reference
 from highd_lc.vocab import names
+from highd_lc.vocab.driver import PARAMETERS
 from highd_lc.vocab.job import Job
-from highd_lc.vocab.scene import Scene
 from highd_lc.vocab.settings import ValidateSettings
+from highd_lc.vocab.tracking import KINEMATIC, TrackingSettings
 
 FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Track:
+    """A vehicle's recorded rows in an event, native frames: t [s] ascending, x, y [m], vx [m/s], ax [m/s^2], and
+    whether a row belongs to the calibration window; each of shape (n,).
+    """
+
+    vehicle_id: int
+    t: FloatArray
+    x: FloatArray
+    y: FloatArray
+    vx: FloatArray
+    ax: FloatArray
+    calibration: NDArray[np.bool_]
+
+
 Tracks = Mapping[str, Track]
+
+
+def surface_of(problem: PlanningProblem, plans: Iterable[Row]) -> Surface:
+    """The fixed form's loss surface about the plans' points, for drawing."""
+    drawn = loss_surface(problem, tuple(_points(problem, plans)))
+    return Surface(drawn.T, drawn.x_offset, drawn.loss_av, drawn.loss_hv, drawn.feasible)
+
+
+def _points(problem: PlanningProblem, plans: Iterable[Row]) -> Iterator[SurfacePoint]:
+    for row in plans:
+        if row["policy"] in ON_SURFACE and np.isfinite(row["T"]):
+            offset = row["x_final"] - problem.scene.v0 * row["T"]
+            yield SurfacePoint(row["policy"], row["accounting"], row["T"], offset)
+
+
+def fit_traces(
+    tracks: Tracks, boxes: Mapping[str, Box], fits: Iterable[Row], *, b_max: float
+) -> dict[int, FitTrace]:
+    """Recorded against simulated car following of each fitted follower, by its rank. b_max: as in the settings."""
+    return {
+        row["follower"]: _fit_trace(tracks, boxes, row, b_max) for row in fits if row["status"] == names.FITTED
+    }  # fmt: skip
+
+
+def _fit_trace(tracks: Tracks, boxes: Mapping[str, Box], fit: Row, b_max: float) -> FitTrace:
+    rank = fit["follower"]
+    role = names.target_follower(rank)
+    ahead = names.TARGET_LEADER if rank == 1 else names.target_follower(rank - 1)
+    own, leader = tracks[role], tracks[ahead]
+    follower = _recorded(own, own.calibration, boxes[role])
+    recorded = following_track(follower, _recorded(leader, slice(None), boxes[ahead]))
+    parameters = np.array([fit[name] for name in PARAMETERS], dtype=float)
+    simulated = simulate(recorded, parameters, hardest=hardest_braking(b_max))
+    last = np.floor(min(follower.t[-1], leader.t[-1]) / TIME_STEP + 1e-6)
+    return FitTrace(
+        t=(last - np.arange(recorded.x.size)[::-1]) * TIME_STEP,
+        spacing_recorded=recorded.spacing,
+        spacing_simulated=recorded.leader_x - simulated.x,
+        speed_recorded=recorded.v,
+        speed_simulated=simulated.v,
+    )
+
+
+def _recorded(track: Track, rows: NDArray[np.bool_] | slice, box: Box) -> RecordedMotion:
+    return RecordedMotion(track.t[rows], track.x[rows], track.vx[rows], track.ax[rows], box.length)
+
+
+def track_traces(problem: PlanningProblem, plans: Iterable[Row]) -> tuple[TrackTrace, ...]:
+    """The MPC's errors and inputs on each planned policy of the primary accounting, on the kinematic car."""
+    chosen = [r for r in plans if r["accounting"] == names.PRIMARY_ACCOUNTING and r["status"] == names.SOLVED]
+    # Policies often find the same plan, and driving it is the dearest part of a page.
+    driven: dict[tuple[float, ...], TrackTrace] = {}
+    traces = []
+    for row in (r for r in chosen if r["policy"] in FORM_OF):
+        shape = (row["T"], row["x_final"], row["v_end"])
+        if shape not in driven:
+            driven[shape] = _track_trace(problem, row["policy"], *shape)
+        traces.append(replace(driven[shape], policy=row["policy"]))
+    return tuple(traces)
+
+
+def _track_trace(problem: PlanningProblem, policy: str, T: float, x_final: float, v_end: float) -> TrackTrace:
+    scene = problem.scene
+    plan = Quintic(v0=scene.v0, D=scene.lateral_shift, T=T, x_final=x_final, v_end=v_end)
+    settings = problem.settings.tracking
+    shared = _controller(settings, scene.dt)
+    reference = plan_reference(plan, scene.dt)
+    errors, inputs = errors_and_inputs(reference, wheelbase=scene.wheelbase, settings=settings, shared=shared)
+    return TrackTrace(
+        policy=policy,
+        plant=KINEMATIC,
+        t=scene.dt * np.arange(len(errors)),
+        lateral=errors[:, 1],
+        longitudinal=errors[:, 0],
+        v=inputs[:, 0],
+        delta=inputs[:, 1],
+    )
+
+
+@cache
+def _controller(settings: TrackingSettings, dt: float) -> Controller:
+    """One controller for all plans of a process, as in ``track_many``: every step overwrites its memory."""
+    return controller(settings, dt)
+
+
+Three = tuple[FloatArray, FloatArray, FloatArray]
+Driven = tuple[AvMotion, Three]
+"""The AV's motion, and the followers' x [m], v [m/s], a [m/s^2], each of shape (p, N + 1)."""
+
+
+def policy_plays(problem: PlanningProblem, plans: Iterable[Row]) -> Iterator[Play]:
+    """The motions behind an event's rows of ``plans``; rows with the same plan share one."""
+    groups = _accountings_of(plans)
+    posed = pose_starts(problem) if any(key[0] in FORM_OF_START for key in groups) else None
+    # Policies often find the same plan: it is driven once. Human and "no lane change" drive something else.
+    driven: dict[tuple[Any, ...], Play] = {}
+    for (policy, *shape, delay_s, v_start, gap), accountings in groups.items():
+        of = policy if policy in (names.HUMAN, names.NO_LANE_CHANGE) else ""
+        motion = (of, *shape, delay_s, v_start, gap)
+        if motion not in driven:
+            if policy in FORM_OF_START and posed is not None:
+                run = _delayed(posed, key_of(posed, gap, delay_s), v_start, *shape)
+            else:
+                run = _replayed(problem, policy, *shape)
+            driven[motion] = _play(problem, policy, *run, delay_s=delay_s)
+        yield replace(driven[motion], policy=policy, accountings=tuple(accountings))
+
+
+def _accountings_of(plans: Iterable[Row]) -> dict[tuple[Any, ...], list[str]]:
+    """The accountings that led to each policy and plan (T, x_final, v_end, delay_s, v_start, gap)."""
+    groups: dict[tuple[Any, ...], list[str]] = {}
+    for row in plans:
+        # A start without delay into the recorded gap is the play of the policy that it contains: pages stay small.
+        starts_at_once = row["delay_s"] == 0.0 and row["gap"] == names.RECORDED_GAP
+        if row["policy"] in FORM_OF_START and starts_at_once:
+            continue
+        if row["status"] in (names.SOLVED, names.REFERENCE, names.CONTACT):
+            key = tuple(row[name] for name in ("policy", "T", "x_final", "v_end", "delay_s", "v_start", "gap"))
+            groups.setdefault(key, []).append(row["accounting"])
+    return groups
+
+
+def _delayed(posed: StartProblem, key: Key, v_start: float, T: float, x_final: float, v_end: float) -> Driven:
+    D = posed.problem.scene.lateral_shift
+    played = replay_start(posed, key, Quintic(v0=v_start, D=D, T=T, x_final=x_final, v_end=v_end))
+    return played.av, (played.x, played.v, played.a)
+
+
+def _replayed(problem: PlanningProblem, policy: str, T: float, x_final: float, v_end: float) -> Driven:
+    if policy == names.NO_LANE_CHANGE:
+        av, *followers = planner.unchanged_motion(problem)
+        return av, (followers[0], followers[1], followers[2])
+    if policy == names.HUMAN:
+        return _driven(human_motion(problem.scene.human, problem.packed), problem.packed)
+    quintic = Quintic(v0=problem.scene.v0, D=problem.scene.lateral_shift, T=T, x_final=x_final, v_end=v_end)
+    return _driven(plan_motion(quintic, problem.packed), problem.packed)
+
+
+def _driven(av: AvMotion, scene: PackedScene) -> Driven:
+    # As ``replay`` does, but without the clearances, which stand in the tables and take most of its time.
+    drive_on(av.x, av.y, av.vx, av.ax, av.jerk, av.free_from, scene)
+    x, v, a = (np.empty((len(scene.follower_x), len(av.x))) for _ in range(3))
+    follow(av.x + scene.length / 2.0, av.vx, av.crossing if scene.from_crossing else 0, scene, x, v, a)
+    return av, (x, v, a)
+
+
+def _play(problem: PlanningProblem, policy: str, av: AvMotion, followers: Three, *, delay_s: float) -> Play:
+    scene = problem.scene
+    stays = policy == names.NO_LANE_CHANGE
+    levels = (np.full(len(av.x), y) for y in scene.followers.y)
+    return Play(
+        policy=policy,
+        accountings=(),
+        T=float("nan") if stays else av.n * scene.dt,
+        ego=_ego(av, scene, at_rear_axle=policy not in (names.HUMAN, names.NO_LANE_CHANGE)),
+        jerk=av.jerk,
+        followers=tuple(Path(x, y, v, a) for x, y, v, a in zip(followers[0], levels, *followers[1:], strict=True)),
+        measured=policy == names.HUMAN,
+        delay_s=delay_s,
+    )
+
+
+def _ego(av: AvMotion, scene: Scene, *, at_rear_axle: bool) -> Path:
+    """The box centre's motion; a planned point is the rear axle, r = wheelbase / 2 behind (equations.md 2)."""
+    speed = np.hypot(av.vx, av.vy)
+    x, y = av.x, av.y
+    if at_rear_axle:
+        heading = np.arctan2(av.vy, av.vx)
+        r = scene.wheelbase / 2.0
+        x, y = x + r * (np.cos(heading) - 1.0), y + r * np.sin(heading)
+    return Path(x, y, speed, av.ax)
+
+
+def surrounding(scene: Scene) -> dict[str, Motion]:
+    """The vehicles that no policy moves, by role."""
+    behind = {} if scene.origin_follower is None else {names.ORIGIN_FOLLOWER: scene.origin_follower}
+    return leaders_of(scene) | behind
+
+
+def leads(scene: Scene) -> tuple[tuple[int, str], ...]:
+    """From which sample on which role leads the target lane; empty = nobody."""
+    if scene.target_leader is None:
+        return ()
+    later = enumerate(scene.next_leaders, start=2)
+    found = [(one.since, "" if one.motion is None else names.target_leader(rank)) for rank, one in later]
+    return ((0, names.TARGET_LEADER), *found)
+
 
 PERIOD: Final = 0.1
 """Time step of all motions on a page [s]: the planner's, and the finest that a page to be shared may carry."""

@@ -8,13 +8,12 @@ import pandas as pd
 import pyarrow as pa
 from numpy.typing import NDArray
 
-from highd_lc.algorithms.event_rows import RoleRows, role_rows
-from highd_lc.algorithms.extraction import Crossing, find_crossings, with_known_lanes
-from highd_lc.algorithms.lateral_motion import Rule
-from highd_lc.algorithms.neighbours import NOBODY
-from highd_lc.algorithms.track_index import ABSENT, TrackIndex, Traffic
-from highd_lc.io import artefacts, highd, tracks_file
-from highd_lc.io.tracks_file import TrackArrays
+from highd_lc.extraction.lane_change import Crossing, RoleRows, find_crossings, role_rows, with_known_lanes
+from highd_lc.extraction.lateral_motion import Rule
+from highd_lc.extraction.roles import NOBODY
+from highd_lc.extraction.track_index import ABSENT, TrackIndex, Traffic
+from highd_lc.io import artefacts, highd
+from highd_lc.io.highd import TrackArrays
 from highd_lc.vocab import names
 from highd_lc.vocab.errors import InputError
 from highd_lc.vocab.job import Job, JobReport
@@ -73,7 +72,7 @@ def _refuse_unconfirmed(job: Job, confirmed: int, n_events: int) -> None:
 
 
 def _load(job: Job) -> _Recording:
-    tracks = tracks_file.read(job.work, job.recording)
+    tracks = highd.read(job.work, job.recording)
     vehicles = artefacts.read_part(job.work, "ingest", "vehicles", job.recording, columns=_OF_VEHICLES)
     carriageways = artefacts.read_part(job.work, "ingest", "recordings", job.recording, columns=_OF_CARRIAGEWAYS)
     trim = job.settings.ingest.trim_ends_m

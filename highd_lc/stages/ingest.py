@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from highd_lc.algorithms.data_quality import (
+from highd_lc.extraction.data_quality import (
     ENTRY,
     EXIT,
     INNER,
@@ -15,9 +15,8 @@ from highd_lc.algorithms.data_quality import (
     mean_speed_change,
     vehicle_facts,
 )
-from highd_lc.io import artefacts, tracks_file
-from highd_lc.io.highd import Recording, read_recording
-from highd_lc.io.highd_parts import Parts, split_tracks
+from highd_lc.io import artefacts, highd
+from highd_lc.io.highd import Parts, Recording, read_recording, split_tracks
 from highd_lc.stages.cross_checks import Verdict, files_by_kind, findings, verdicts
 from highd_lc.vocab import names
 from highd_lc.vocab.cross_checks import CROSS_CHECKS
@@ -34,7 +33,7 @@ _LARGEST_SHARE_BROKEN = 0.05
 def run(job: Job) -> JobReport:
     """Read the recording's CSVs and write its tracks and the parts ``vehicles`` and ``recordings``.
 
-    Checks are of the file as it is; the tracks written are unbroken (see ``io.highd_parts``). Raises InputError,
+    Checks are of the file as it is; the tracks written are unbroken (see ``io.highd``). Raises InputError,
     before anything is written, naming file, column and row of the first fault, or the columns that contradict each
     other in nearly all vehicles of a direction. Where some do it is a problem in the report.
     """
@@ -44,7 +43,7 @@ def run(job: Job) -> JobReport:
     if job.settings.ingest.remove_bias:
         recording = _without_bias(recording, quality)
     parts = split_tracks(recording)
-    rows = tracks_file.write(job.work, parts.recording, job.provenance)
+    rows = highd.write(job.work, parts.recording, job.provenance)
     vehicles = artefacts.write_part(job, STAGE, "vehicles", _vehicles(parts))
     quality["n_jumps"] = [parts.jumps(direction) for direction in quality["driving_direction"]]
     artefacts.write_part(job, STAGE, "recordings", quality)

@@ -12,18 +12,17 @@ from numpy.typing import NDArray
 from highd_lc.core.car_following import TIME_STEP, simulate
 from highd_lc.core.drive import hardest_braking
 from highd_lc.io import artefacts
-from highd_lc.io.follower_tracks import track_of
 from highd_lc.reporting.event import FitTrace
 from highd_lc.reporting.pages_calibration import CalibrationTables, calibration_page
 from highd_lc.reporting.pages_data import data_page, empty_page, excluded_page
 from highd_lc.reporting.pages_index import IndexTables, index_page
-from highd_lc.reporting.pages_population import dictionary_page, matrix_page
-from highd_lc.reporting.pages_start import StartTables, start_page
+from highd_lc.reporting.pages_population import StartTables, dictionary_page, matrix_page, start_page
 from highd_lc.reporting.pages_studies import StudyTables, studies_page
 from highd_lc.reporting.pages_summary import SummaryTables, summary_page
 from highd_lc.reporting.run_words import RunTables, nothing_said, run_in_short, run_says
+from highd_lc.stages.scenes import track_of
 from highd_lc.vocab import names
-from highd_lc.vocab.lcm_parameters import PARAMETERS
+from highd_lc.vocab.driver import PARAMETERS
 from highd_lc.vocab.settings import StatisticsSettings
 
 FloatArray = NDArray[np.float64]

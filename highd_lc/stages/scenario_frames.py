@@ -8,27 +8,25 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from highd_lc.algorithms import scenario_growth
-from highd_lc.algorithms.platoon import Platoon
-from highd_lc.algorithms.scenario import situations
-from highd_lc.algorithms.scenario_arithmetic import arithmetic_rows
-from highd_lc.algorithms.scenario_cells import DEFAULT, rows_of_variants
-from highd_lc.algorithms.scenario_claims import claim_rows
-from highd_lc.algorithms.scenario_contacts import contact_rows
-from highd_lc.algorithms.scenario_ledger import Book, closest_rows, ledger_rows, value_of
-from highd_lc.algorithms.scenario_printed import rows_of_printed_state
-from highd_lc.algorithms.scenario_run import (
+from highd_lc.core.edie import edie
+from highd_lc.reporting.figures_scenarios import Story
+from highd_lc.scenarios import waves
+from highd_lc.scenarios.arithmetic import arithmetic_rows
+from highd_lc.scenarios.claims import claim_rows
+from highd_lc.scenarios.ledger import Book, closest_rows, ledger_rows, rows_of_printed_state, value_of
+from highd_lc.scenarios.platoon import Platoon, situations
+from highd_lc.scenarios.run import (
+    DEFAULT,
     Cell,
     Planned,
     av_lead,
     drive_behind,
     no_lane_change,
     plan_situation,
+    rows_of_variants,
 )
-from highd_lc.algorithms.scenario_tracking import tracking_rows
-from highd_lc.algorithms.shock_wave import WaveSpeed, wave_speed
-from highd_lc.core.edie import edie
-from highd_lc.reporting.figures_scenarios import Story
+from highd_lc.scenarios.tracking import contact_rows, tracking_rows
+from highd_lc.scenarios.waves import WaveSpeed, wave_speed
 from highd_lc.vocab import names
 from highd_lc.vocab import published as paper
 from highd_lc.vocab.scenarios import ScenarioSettings
@@ -90,7 +88,7 @@ def scenario_frames(
     """All tables but those of a recorded lane change, by name. threads: over the variants."""
     cells = rows_of_variants(settings, threads=threads) + rows_of_printed_state(settings)
     book = Book.of(cells, settings)
-    drivers = scenario_growth.published_drivers()
+    drivers = waves.published_drivers()
     if len(given.fitted):
         drivers[f"fitted ({len(given.fitted)} followers)"] = given.fitted
     rows: dict[str, Iterable[Row]] = {
@@ -103,8 +101,8 @@ def scenario_frames(
         "rectangle": rectangle_rows(book),
         "traffic_state": traffic_state_rows(book),
         "waves": wave_rows(stories, settings),
-        "growth": scenario_growth.growth_rows(settings, drivers),
-        "string_stability": scenario_growth.stability_rows(drivers),
+        "growth": waves.growth_rows(settings, drivers),
+        "string_stability": waves.stability_rows(drivers),
         "scenario_tracking": tracking_rows(planned[0], settings),
     }
     if given.swept:

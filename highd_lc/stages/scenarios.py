@@ -7,23 +7,23 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from highd_lc.algorithms.scenario_cells import rows_of_sweep
 from highd_lc.io import artefacts, workspace
 from highd_lc.io.settings import digest
 from highd_lc.reporting.labels import RECORDED
+from highd_lc.scenarios.run import rows_of_sweep
 from highd_lc.stages.crosslinks import link_to_scenarios
 from highd_lc.stages.scenario_frames import Given, default_plans, frame, scenario_frames, story_of, wave_columns
-from highd_lc.stages.scenario_pages import write_pages
-from highd_lc.stages.scenario_recordings import (
+from highd_lc.stages.scenario_pages import (
     RecordedChange,
     fitted_drivers,
     has_recordings,
     recorded_change,
     state_rows,
+    write_pages,
 )
+from highd_lc.vocab.driver import PARAMETERS
 from highd_lc.vocab.errors import ArtefactError
 from highd_lc.vocab.job import Provenance
-from highd_lc.vocab.lcm_parameters import PARAMETERS
 from highd_lc.vocab.scenarios import ScenarioSettings
 
 FloatArray = NDArray[np.float64]

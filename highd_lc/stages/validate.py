@@ -7,42 +7,40 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from highd_lc.algorithms import planner, scoring
-from highd_lc.algorithms.plan_tracking import PlanTracker
-from highd_lc.algorithms.planner import Plan, PlanningProblem
-from highd_lc.algorithms.replay import Replay
-from highd_lc.algorithms.scoring import CumulativeLosses
-from highd_lc.algorithms.start_planner import plan_starts
 from highd_lc.io import artefacts
-from highd_lc.io.foresight_table import foresight_summary
-from highd_lc.io.population_tables import (
+from highd_lc.planning import planner
+from highd_lc.planning.planner import Plan, PlanningProblem
+from highd_lc.planning.replay import Replay
+from highd_lc.planning.scene import Scene
+from highd_lc.planning.start_planner import plan_starts
+from highd_lc.scoring import charges
+from highd_lc.scoring.charges import CumulativeLosses
+from highd_lc.stages.population_tables import (
     cross_scores,
     gain_map,
     horizon_sensitivity,
     leave_one_out,
     solver_summary,
+    start_map,
     worse_for_somebody,
 )
-from highd_lc.io.scenes import read_scene_tables, scene_makers
-from highd_lc.io.start_map import start_map
-from highd_lc.io.statistics import PolicyLosses, situations, summarise_losses, validation_matrix
-from highd_lc.io.tracking_table import tracking_summary
-from highd_lc.stages.validate_pareto import pareto_rows
-from highd_lc.stages.validate_samples import Samples, samples
+from highd_lc.stages.scenes import read_scene_tables, scene_makers
+from highd_lc.stages.statistics import PolicyLosses, situations, summarise_losses, validation_matrix
+from highd_lc.stages.validate_samples import Samples, pareto_rows, samples, tracking_rows, tracking_summary
 from highd_lc.stages.validate_studies import (
     STUDY_TABLES,
     Study,
     cross_rows,
     foresight_rows,
+    foresight_summary,
     horizon_rows,
     solver_rows,
     uncertainty_rows,
 )
-from highd_lc.stages.validate_tracking import tracking_rows
+from highd_lc.tracking.plan_tracking import PlanTracker
 from highd_lc.vocab import names
 from highd_lc.vocab.errors import told
 from highd_lc.vocab.job import Combination, Job, JobReport, Problem
-from highd_lc.vocab.scene import Scene
 from highd_lc.vocab.tables import TABLES
 
 STAGE = "validate"
@@ -189,21 +187,21 @@ class _Scores:
         """Cumulative losses of a replay."""
         if id(replay) not in self.found:
             terms, loss = self.problem.terms, self.problem.settings.loss
-            self.found[id(replay)] = scoring.cumulative_losses(replay, terms, loss, self.problem.scene.dt)
+            self.found[id(replay)] = charges.cumulative_losses(replay, terms, loss, self.problem.scene.dt)
         return self.found[id(replay)]
 
     def safety(self, plan: Plan, last: int) -> dict[str, float]:
         """Safety of a plan's replay up to sample ``last``."""
         key = id(plan.replay), last
         if key not in self.safe:
-            lane = scoring.pairs(plan.replay, self.problem.packed, joins=plan.policy != names.NO_LANE_CHANGE)
-            self.safe[key] = scoring.safety(lane, last)
+            lane = charges.pairs(plan.replay, self.problem.packed, joins=plan.policy != names.NO_LANE_CHANGE)
+            self.safe[key] = charges.safety(lane, last)
         return self.safe[key]
 
     def hv_unchanged(self, last: int) -> float:
         """The followers' loss without a lane change, charged up to sample ``last``; NaN after a contact."""
         unchanged, origin = self.unchanged, self.problem.scene.origin_leader
-        if scoring.first_contact(
+        if charges.first_contact(
             unchanged.replay, self.problem.packed, joins=False, last=last, origin_leader=origin
         ):
             return np.nan
@@ -219,23 +217,23 @@ def _loss_row(problem: PlanningProblem, plan: Plan, scores: _Scores) -> Row:
         return row
     dt, terms, settings = problem.scene.dt, problem.terms, problem.settings.loss
     n, last = plan.replay.av.n, len(plan.replay.av.x) - 1
-    _, charged = scoring.charged_samples(plan.accounting, n, last)
+    _, charged = charges.charged_samples(plan.accounting, n, last)
     row["follower_n_samples"] = len(plan.replay.x) * (charged + 1)
     losses = scores.losses(plan.replay)
     if not plan.contact:
         # What a motion costs in which vehicles pass through one another is not a loss.
-        row |= scoring.losses_at(losses, plan.accounting, terms, n=n, dt=dt)
+        row |= charges.losses_at(losses, plan.accounting, terms, n=n, dt=dt)
         row["loss_hv_increment"] = row["loss_hv"] - scores.hv_unchanged(charged)
     if plan.policy == names.HUMAN:
         recorded = problem.scene.followers.recorded
         # Behind the recorded ego both: once it is out of view the simulated ones follow somebody else.
         both = min(charged, plan.replay.av.recorded)
-        row |= scoring.recorded_loss(recorded, losses, terms, settings, last=both, dt=dt)
+        row |= charges.recorded_loss(recorded, losses, terms, settings, last=both, dt=dt)
         if plan.contact:
             row["loss_hv_simulated"] = np.nan
         row["av_comfort_raw"] = problem.scene.human.comfort_raw / settings.comfort_scale
     row |= scores.safety(plan, charged)
-    row["peak_follower_decel"] = scoring.peak_deceleration(plan.replay.a, charged)
+    row["peak_follower_decel"] = charges.peak_deceleration(plan.replay.a, charged)
     return row
 
 

@@ -1,13 +1,36 @@
-"""Which events of a run are studied more closely: seeded samples, the same in every process and order."""
+"""Which events of a run are studied more closely: seeded samples, the same in every process and order.
 
+Rows of the Pareto study: for each form with a free end speed, with and without the choice of the start.
+
+What tracking makes of the plans: planned against tracked by policy and plant.
+
+Rows of the table of tracking: every plan of the primary accounting on the bicycle, a sample on both cars.
+"""
+
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
+from typing import Any
 
-from highd_lc.algorithms.sampling import stratified_sample
+import numpy as np
+import pandas as pd
+
 from highd_lc.io import artefacts
+from highd_lc.planning import pareto
+from highd_lc.planning.pareto import Points
+from highd_lc.planning.planner import Plan, contact_of
+from highd_lc.planning.replay import Replay
+from highd_lc.planning.starts import StartProblem, pose_starts
+from highd_lc.scoring.uncertainty import stratified_sample
+from highd_lc.stages.validate_studies import Study
+from highd_lc.tracking.plan_tracking import DrivenPlan, PlanTracker, planned_motion
+from highd_lc.vocab import names
 from highd_lc.vocab.job import Job
 from highd_lc.vocab.settings import StudySettings
+from highd_lc.vocab.tables import TABLES
+from highd_lc.vocab.tables.studies import FRONT, SWEEP
+from highd_lc.vocab.tracking import KINEMATIC, LOST, MULTI_BODY, PLANTS, SOFTENED
 
 _ALL = 2**62
 _MOST_FOLLOWERS = 3
@@ -54,3 +77,170 @@ def _drawn(work: Path, written: int, settings: StudySettings, starts: int, seed:
     )
     multi_body = stratified_sample(strata, settings.multibody_sample, seed=seed)
     return Samples(studied, compared, started, foreseen, multi_body)
+
+
+Row = dict[str, Any]
+Found = tuple[Points, Points]
+"""Front by NSGA-II and sweep over omega_AV."""
+
+
+def pareto_rows(study: Study) -> Iterator[tuple[str, Row]]:
+    """Rows of ``pareto`` and ``pareto_summary`` under the primary accounting, free end speed."""
+    chooses = names.FREE_START in study.start_forms
+    for form in (names.FREE, names.FREE_START) if chooses else (names.FREE,):
+        if not study.solvable:
+            yield "pareto_summary", {"form": form, "n_front": 0, "evaluations": 0}
+            continue
+        posed = pose_starts(study.problem)
+        front, swept = _with_start(study, posed) if form == names.FREE_START else _without(study)
+        best = pareto.knee(front)
+        for row in _point_rows(study, posed, front, swept, best):
+            yield "pareto", {"form": form} | row
+        yield "pareto_summary", {"form": form} | _summary(front, swept, best, study.settings)
+
+
+def _without(study: Study) -> Found:
+    task, omegas = study.problem.task, study.settings.omegas
+    space = pareto.plan_space(task)
+    return _front(study, space, "nsga2"), pareto.sweep(task, names.PRIMARY_ACCOUNTING, omegas)
+
+
+def _with_start(study: Study, posed: StartProblem) -> Found:
+    space = pareto.start_space(posed)
+    swept = pareto.sweep_starts(posed, names.PRIMARY_ACCOUNTING, study.settings.omegas)
+    return _front(study, space, "nsga2 start"), swept
+
+
+def _front(study: Study, space: pareto.Space | None, purpose: str) -> Points:
+    settings = study.settings
+    size = {"population": settings.population, "generations": settings.generations}
+    return pareto.nsga2_front(space, names.PRIMARY_ACCOUNTING, **size, rng=study.rng(purpose))
+
+
+def _point_rows(
+    study: Study, posed: StartProblem, front: Points, swept: Points, best: int | None
+) -> Iterator[Row]:
+    for kind, points in ((FRONT, front), (SWEEP, swept)):
+        omegas = study.settings.omegas if kind == SWEEP else (np.nan,) * len(points)
+        for k, omega in enumerate(omegas[: len(points)]):
+            about = {"kind": kind, "omega_av": omega, "knee": kind == FRONT and k == best}
+            yield about | _point(posed, points, k)
+
+
+def _point(posed: StartProblem, points: Points, k: int) -> Row:
+    gap, d = int(points.gap[k]), int(points.delay[k])
+    task = posed.task((gap, d)) if d or gap else posed.problem.task
+    plan = task.quintic(int(points.n[k]), float(points.delta[k]), float(points.change[k]))
+    start = {"delay_s": round(d * posed.problem.packed.dt, 10), "gap": posed.gaps[gap].name}
+    losses = {"loss_av": float(points.loss_av[k]), "loss_hv": float(points.loss_hv[k])}
+    return {"point": k, "T": plan.T, "x_final": plan.x_final, "v_end": plan.v_end} | start | losses
+
+
+def _summary(front: Points, swept: Points, best: int | None, settings: StudySettings) -> Row:
+    compared = pareto.compare(front, swept, settings.omegas)
+    row: Row = {
+        "n_front": len(front),
+        "evaluations": settings.population * settings.generations,
+        "hypervolume": compared.hypervolume,
+        "hypervolume_sweep": compared.hypervolume_sweep,
+        "reference_av": compared.reference[0],
+        "reference_hv": compared.reference[1],
+        "front_behind": compared.behind,
+        "front_ahead": compared.ahead,
+    }
+    if best is not None:
+        low, high = pareto.knee_weights(front, best)
+        row |= {"knee_loss_av": float(front.loss_av[best]), "knee_loss_hv": float(front.loss_hv[best])}
+        row |= {"knee_omega_low": low, "knee_omega_high": high}
+    return row
+
+
+_LOSSES = ("loss_av_planned", "loss_av_tracked", "loss_hv_planned", "loss_hv_tracked")
+
+
+def tracking_summary(tracking: pd.DataFrame) -> pd.DataFrame:
+    """One row a policy and plant. tracking: the artefact."""
+    rows = []
+    for plant in PLANTS:
+        for policy in names.POLICIES:
+            found = tracking[(tracking["plant"] == plant) & (tracking["policy"] == policy)]
+            if len(found):
+                rows.append({"policy": policy, "plant": plant, **_figures(found)})
+    return pd.DataFrame(rows, columns=list(TABLES["tracking_summary"].column_names))
+
+
+def _figures(found: pd.DataFrame) -> dict[str, Any]:
+    driven = found[found["rmse_lateral_m"].notna()]
+    lists = driven["violations"]
+    return {
+        "n_driven": len(driven),
+        "not_driven": len(found) - len(driven),
+        "lost": int((driven["status"] == LOST).sum()),
+        "softened": int((driven["status"] == SOFTENED).sum()),
+        "qp_failures": int(driven["qp_failures"].sum()),
+        "rmse_lateral_median_m": float(driven["rmse_lateral_m"].median()),
+        "rmse_lateral_largest_m": float(driven["rmse_lateral_m"].max()),
+        "max_lateral_m": float(driven["max_lateral_m"].max()),
+        **{name: float(driven[name].mean()) for name in _LOSSES},
+        "share_violating": _share(len(broken) > 0 for broken in lists),
+        "contacts": int(driven["contact"].ne("").sum()),
+        "share_touching": _share(any(name.startswith("clearance_") for name in broken) for broken in lists),
+        "share_touching_planned": _share(driven["min_clearance_planned_m"] < 0.0),
+    }
+
+
+def _share(cases: Iterable[bool]) -> float:
+    """Share of the cases that hold; NaN of none."""
+    known = list(cases)
+    return sum(known) / len(known) if known else float("nan")
+
+
+_FIGURES = (
+    "rmse_lateral_m",
+    "max_lateral_m",
+    "rmse_longitudinal_m",
+    "rmse_heading_rad",
+    "max_slack",
+    "qp_failures",
+)
+
+
+def tracking_rows(tracker: PlanTracker, plans: Sequence[Plan], *, multi_body: bool) -> Iterator[Row]:
+    """A row for each policy that changes lane, and plant; multi_body: whether on the multi-body car as well."""
+    known: dict[tuple[int, str], Row] = {}
+    for plan in plans:
+        if plan.accounting == names.PRIMARY_ACCOUNTING and plan.policy != names.NO_LANE_CHANGE:
+            for plant in (KINEMATIC, MULTI_BODY) if multi_body else (KINEMATIC,):
+                # Policies often choose the same plan, whose replay they share: it is driven once.
+                key = id(plan.replay), plant
+                if plan.replay is None or key not in known:
+                    known[key] = _row(tracker, plan, plant)
+                yield known[key] | {"policy": plan.policy}
+
+
+def _row(tracker: PlanTracker, plan: Plan, plant: str) -> Row:
+    """Without a plan, or with one that cannot be driven, the status alone: every number is missing, none is 0."""
+    driven = tracker.drive(plan, plant)
+    row: Row = {"policy": plan.policy, "plant": plant, "status": plan.status, "contact": ""}
+    if driven is None:
+        return row
+    row["status"] = driven.result.status
+    if driven.replay is None:
+        return row
+    row |= {name: getattr(driven.result, name) for name in _FIGURES}
+    return row | _judged(tracker, driven, driven.replay) | {"violations": tracker.violations(driven)}
+
+
+def _judged(tracker: PlanTracker, driven: DrivenPlan, tracked: Replay) -> Row:
+    """Planned against tracked: losses and clearance."""
+    plan, planned = driven.plan, driven.planned
+    met = contact_of(tracker.problem, plan.policy, tracked, plan.accounting)
+    return {
+        "loss_av_tracked": tracker.loss_av(driven.motion).loss,
+        "loss_av_planned": tracker.loss_av(planned_motion(driven.reference)).loss,
+        "contact": met,
+        "loss_hv_tracked": np.nan if met else tracker.loss_hv(plan, tracked),
+        "loss_hv_planned": np.nan if plan.contact else tracker.loss_hv(plan, planned),
+        "min_clearance_tracked_m": min(tracker.clearances(plan, tracked).values(), default=np.nan),
+        "min_clearance_planned_m": min(tracker.clearances(plan, planned).values(), default=np.nan),
+    }

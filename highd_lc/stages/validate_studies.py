@@ -1,4 +1,7 @@
-"""Rows of the validate stage beside plans and losses: cross scores of every event, studies of the sampled ones."""
+"""Rows of the validate stage beside plans and losses: cross scores of every event, studies of the sampled ones.
+
+The value of perfect information about the leaders over the sampled events.
+"""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -6,20 +9,39 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 
-from highd_lc.algorithms import rescoring, sqp, uncertainty
-from highd_lc.algorithms.foresight import Driven, with_predicted, with_recorded, with_replanning
-from highd_lc.algorithms.planner import Plan, PlanningProblem
-from highd_lc.algorithms.pool import Goal, Pool
-from highd_lc.algorithms.rescoring import Charged
-from highd_lc.algorithms.sampling import event_generator
-from highd_lc.algorithms.search import search
-from highd_lc.algorithms.variants import Losses, optima, with_horizon
-from highd_lc.io.statistics import PAIR_OF_FORM, PAIR_OF_START_FORM
+from highd_lc.planning import sqp
+from highd_lc.planning.planner import Plan, PlanningProblem
+from highd_lc.planning.pool import Goal, Pool
+from highd_lc.planning.search import search
+from highd_lc.scoring import cross_scores, uncertainty
+from highd_lc.scoring.cross_scores import Charged
+from highd_lc.scoring.population import Bootstrap, ratio_interval
+from highd_lc.scoring.uncertainty import (
+    Driven,
+    Losses,
+    event_generator,
+    optima,
+    with_horizon,
+    with_predicted,
+    with_recorded,
+    with_replanning,
+)
+from highd_lc.stages.statistics import PAIR_OF_FORM, PAIR_OF_START_FORM
 from highd_lc.vocab import names
-from highd_lc.vocab.settings import StudySettings
-from highd_lc.vocab.study_tables import FOLLOWER_MODELS, IDM, KNOWLEDGE, LCM, LCM_DRAWN, OPTIMAL_POLICIES
+from highd_lc.vocab.settings import StatisticsSettings, StudySettings
+from highd_lc.vocab.tables import TABLES
+from highd_lc.vocab.tables.studies import (
+    FOLLOWER_MODELS,
+    IDM,
+    KNOWLEDGE,
+    LCM,
+    LCM_DRAWN,
+    OPTIMAL_POLICIES,
+    RECORDED,
+)
 
 FloatArray = NDArray[np.float64]
 Row = dict[str, Any]
@@ -133,7 +155,7 @@ def cross_rows(study: Study) -> Iterator[Row]:
             key = id(plan.replay)
             if key not in idm:
                 played, problem = plan.replay, study.problem
-                idm[key] = rescoring.idm_followers(played.av, problem.packed, problem.terms, played.entry)
+                idm[key] = cross_scores.idm_followers(played.av, problem.packed, problem.terms, played.entry)
             other = study.rescored[id(study.optimal[COUNTERPART[policy], accounting].replay)]
             row |= _cross_columns(study.rescored[key], other, idm[key])
             row |= {"av_to_T": study.av_losses[key][0], "av_to_H": study.av_losses[key][1]}
@@ -281,3 +303,40 @@ def _compared(pool: Pool, goal: Goal, found: list[sqp.Descent], dt: float) -> Ro
 
 def _finite(value: float) -> float:
     return value if np.isfinite(value) else np.nan
+
+
+def foresight_summary(foresight: pd.DataFrame, statistics: StatisticsSettings, *, seed: int) -> pd.DataFrame:
+    """One row a policy and kind of knowledge. foresight: the artefact."""
+    bootstrap = Bootstrap(statistics.bootstrap, statistics.confidence, seed)
+    rows = []
+    for policy in names.START_POLICIES:
+        of_policy = foresight[foresight["policy"] == policy]
+        known = of_policy[of_policy["knowledge"] == RECORDED].set_index("event_id")
+        known = known[known["objective"].notna()]
+        for knowledge in KNOWLEDGE if len(known) else ():
+            chosen = of_policy[of_policy["knowledge"] == knowledge].set_index("event_id").reindex(known.index)
+            compared = _foresight_compared(chosen, known, bootstrap)
+            rows.append({"policy": policy, "knowledge": knowledge, **compared})
+    return pd.DataFrame(rows, columns=list(TABLES["foresight_summary"].column_names))
+
+
+def _foresight_compared(chosen: pd.DataFrame, known: pd.DataFrame, bootstrap: Bootstrap) -> dict[str, Any]:
+    found = chosen["objective"].notna()
+    touching = found & chosen["touches"].eq(True)
+    kept = chosen[found & ~touching]
+    perfect = known.loc[kept.index]
+    own, best = kept["objective"].to_numpy(), perfect["objective"].to_numpy()
+    worth = ratio_interval(perfect["recording_id"].to_numpy(), best, own, bootstrap)
+    return {
+        "n_events": len(chosen),
+        "no_plan": int((~found).sum()),
+        "touching": int(touching.sum()),
+        "n_compared": len(kept),
+        "mean_delay_s": float(kept["delay_s"].mean()),
+        "share_waiting": float((kept["delay_s"] > 0.0).mean()),
+        "objective": float(own.sum()),
+        "objective_recorded": float(best.sum()),
+        "value_of_information": float(1.0 - best.sum() / own.sum()) if own.sum() > 0.0 else float("nan"),
+        "value_low": 1.0 - worth.high,
+        "value_high": 1.0 - worth.low,
+    }

@@ -3,10 +3,17 @@
 numba decides by the time stamp of a single file whether a cached kernel is still good, but kernels inline
 functions of other files. After an upgrade that changed only those, stale machine code would run silently; so the
 cache folder is named by a hash of all kernel sources.
+
+Files of compiled kernels that can be trusted: whole ones, and a lost one costs a compilation and no more.
+
+numba takes what it finds in its cache as it is: a file torn by a full disk or a killed process ends every later
+run in an error of pickle, or worse. Here each file ends with a hash of its content, which pickle does not read;
+what does not match it is removed and compiled anew, and what cannot be kept is compiled for this process alone.
 """
 
 import hashlib
 import os
+import pickle
 import sys
 import tempfile
 from collections.abc import Iterator
@@ -19,9 +26,51 @@ from types import ModuleType
 from typing import Any
 
 from highd_lc.vocab.errors import StorageError
-from highd_lc.vocab.kernel_files import make_trusted
+
+_HASH_BYTES = hashlib.sha256().digest_size
+
+
+def make_trusted(caching: Any) -> None:
+    """Teach numba's module ``numba.core.caching`` to check what it reads and to do without what it cannot keep."""
+    files, cache = caching.IndexDataCacheFile, caching.Cache
+    if not all(hasattr(files, name) for name in ("_load_data", "_save_data", "_dump", "_open_for_write")):
+        return  # another numba, which keeps its files in another way
+    load, save = cache.load_overload, cache.save_overload
+
+    def save_data(self: Any, name: str, data: object) -> None:
+        content = self._dump(data)
+        with self._open_for_write(self._data_path(name)) as sink:
+            sink.write(content + hashlib.sha256(content).digest())
+
+    def load_data(self: Any, name: str) -> object:
+        content = Path(self._data_path(name)).read_bytes()
+        if hashlib.sha256(content[:-_HASH_BYTES]).digest() != content[-_HASH_BYTES:]:
+            raise pickle.UnpicklingError(f"{name} is torn")
+        return pickle.loads(content)
+
+    def load_overload(self: Any, signature: object, context: object) -> object:
+        try:
+            return load(self, signature, context)
+        except Exception:  # of whatever kind garbage raises
+            _remove(self._cache_file)
+            return None
+
+    def save_overload(self: Any, signature: object, compiled: object) -> None:
+        with suppress(Exception):
+            save(self, signature, compiled)
+
+    files._save_data, files._load_data = save_data, load_data
+    cache.load_overload, cache.save_overload = load_overload, save_overload
+
+
+def _remove(kept: Any) -> None:
+    """Remove the index of a kernel: its data files are then written anew, under the names that they had."""
+    with suppress(OSError):
+        Path(kept._index_path).unlink()
+
 
 _VARIABLE = "NUMBA_CACHE_DIR"
+_COMPILED = ("vocab", "core", "extraction", "drivers", "planning", "scoring", "tracking", "scenarios", "traffic")
 _CACHING = "numba.core.caching"
 
 
@@ -51,7 +100,7 @@ def require_cache() -> None:
 
 def _digest(package: Path) -> str:
     sources = hashlib.sha256()
-    for path in sorted(p for layer in ("core", "algorithms", "vocab") for p in (package / layer).glob("*.py")):
+    for path in sorted(p for layer in _COMPILED for p in (package / layer).glob("*.py")):
         sources.update(path.name.encode() + path.read_bytes())
     return sources.hexdigest()[:12]
 

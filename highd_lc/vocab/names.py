@@ -2,7 +2,7 @@
 
 from typing import Final
 
-# Roles of the vehicles of an event (SPEC section 11).
+# Roles of the vehicles of an event (equations.md 11.3).
 EGO: Final = "ego"
 ORIGIN_LEADER: Final = "origin_leader"
 ORIGIN_FOLLOWER: Final = "origin_follower"
@@ -25,7 +25,7 @@ def through(follower: str, leader: str) -> str:
     return f"{follower}_through_{leader}"
 
 
-# Policies (SPEC section 6).
+# Policies (equations.md 6).
 NO_LANE_CHANGE: Final = "no_lane_change"
 CONSTANT: Final = "constant"
 HUMAN: Final = "human"
@@ -44,7 +44,7 @@ START_POLICIES: Final = (BENCHMARK_START, LOCAL_OPTIMUM_START)
 FREE_START_POLICIES: Final = (BENCHMARK_FREE_START, LOCAL_OPTIMUM_FREE_START)
 POLICIES: Final = REFERENCE_POLICIES + FIXED_POLICIES + FREE_POLICIES + START_POLICIES + FREE_START_POLICIES
 
-# Forms of the plan: end speed equal to the start speed, or free (SPEC section 2).
+# Forms of the plan: end speed equal to the start speed, or free (equations.md 2.2).
 FIXED: Final = "fixed"
 FREE: Final = "free"
 FORMS: Final = (FIXED, FREE)
@@ -63,7 +63,7 @@ def gap_behind(rank: int) -> str:
     return f"behind_{target_follower(rank)}"
 
 
-# Accountings: over which time each side is charged (SPEC section 4).
+# Accountings: over which time each side is charged (equations.md 4.6).
 PAPER: Final = "paper"
 FOLLOWER_HORIZON: Final = "follower_horizon"
 EQUAL: Final = "equal"
@@ -78,7 +78,7 @@ INFEASIBLE_AT_START: Final = "infeasible_at_start"
 CONTACT: Final = "contact"
 PLAN_STATUSES: Final = (SOLVED, REFERENCE, CONTACT, INFEASIBLE, INFEASIBLE_AT_START)
 
-# Statuses of a fit of the LCM (DESIGN, followers.parquet).
+# Statuses of a fit of the LCM (equations.md 9.8).
 FITTED: Final = "fitted"
 CLASS_POOL: Final = "class_pool"
 POOL: Final = "pool"

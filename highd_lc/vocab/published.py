@@ -1,4 +1,4 @@
-"""Every number that the paper prints on its scenarios, once (SPEC section 13)."""
+"""Every number that the paper prints on its scenarios, once (equations.md 13)."""
 
 from dataclasses import dataclass
 from typing import Final

@@ -8,7 +8,7 @@ Lanes = Annotated[int, Field(ge=2, le=5)]
 
 
 class RecorderSettings(BaseModel):
-    """A synthetic recording apart from its length and seed. Defaults resemble HighD (HIGHD.md)."""
+    """A synthetic recording apart from its length and seed. Defaults resemble HighD (equations.md 15)."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 

@@ -19,7 +19,7 @@ Speed = Annotated[float, Field(gt=0, le=100)]
 
 
 class ScenarioOptions(Section):
-    """The conventions that the paper leaves open; every cell states all of them (SPEC section 13)."""
+    """The conventions that the paper leaves open; every cell states all of them (equations.md 13.7)."""
 
     gap_reading: Annotated[
         Literal["centres", "bumpers"],
@@ -39,24 +39,25 @@ class ScenarioOptions(Section):
         Literal["sum", "weighted"], Field(description="followers' losses summed, or weighted by equation 17")
     ] = "sum"
     reference: Annotated[
-        Literal["desired", "one-sided", "own"], Field(description="what a speed is compared with (SPEC section 4)")
+        Literal["desired", "one-sided", "own"],
+        Field(description="what a speed is compared with (equations.md 4.2)"),
     ] = "desired"
-    v_ref_av: Annotated[Speed, Field(description="reference speed of the AV [m/s] (SPEC section 4)")] = 33.54
+    v_ref_av: Annotated[Speed, Field(description="reference speed of the AV [m/s] (equations.md 4.2)")] = 33.54
     v_desire: Annotated[
         Speed, Field(description="desired speed of the followers [m/s] (paper: 25; 29.13 has 44 m in equilibrium)")
     ] = 25.0
     horizon_s: Annotated[
-        float, Field(ge=1, le=60, multiple_of=0.5, description="H: accounted time [s] (SPEC section 4)")
+        float, Field(ge=1, le=60, multiple_of=0.5, description="H: accounted time [s] (equations.md 4.6)")
     ] = 15.0
     platoon_leader: Annotated[
         Literal["none", "present"],
         Field(description="a leader at the platoon's speed, one spacing ahead of HV_1, or a free road"),
     ] = "none"
     leader_from: Annotated[
-        Literal["start", "crossing"], Field(description="from when HV_1 follows the AV (SPEC section 4)")
+        Literal["start", "crossing"], Field(description="from when HV_1 follows the AV (equations.md 4.4)")
     ] = "start"
     ellipse: Annotated[
-        Literal["circumscribed", "paper"], Field(description="semi-axes of the safety ellipses (SPEC section 5)")
+        Literal["circumscribed", "paper"], Field(description="semi-axes of the safety ellipses (equations.md 5.2)")
     ] = "circumscribed"
     planned_followers: Annotated[
         int, Field(ge=1, le=100, description="followers that the plan and the loss know (scenario 1 has 10)")
@@ -72,7 +73,7 @@ class ScenarioOptions(Section):
 
 
 class VehicleSettings(Section):
-    """The vehicles, all alike, and their lane (SPEC section 13)."""
+    """The vehicles, all alike, and their lane (equations.md 13.1)."""
 
     length_m: Annotated[Metres, Field(description="l_a: length [m]")] = 5.0
     width_m: Annotated[Metres, Field(description="l_b: width [m]")] = 2.0
@@ -100,7 +101,7 @@ class SectionSettings(Section):
 
 
 class RectangleSettings(Section):
-    """The space-time rectangle of Tables 1 and 2, placed as the printed distances ask (SPEC section 13)."""
+    """The space-time rectangle of Tables 1 and 2, placed as the printed distances ask (equations.md 13.4)."""
 
     top_m: Annotated[
         float, Field(description="downstream border ahead of HV_1's front at t_start [m] (its 147 m in Table 1)")
@@ -146,20 +147,20 @@ class PrintedState(Section):
 
 
 class ScenarioConstraints(ConstraintSettings):
-    """Limits of a plan in the scenarios (SPEC section 5)."""
+    """Limits of a plan in the scenarios (equations.md 5.1)."""
 
     v_max: Annotated[float, Field(gt=0, le=100, description="highest speed [m/s] (paper: 30)")] = 30.0
 
 
 class ScenarioLosses(LossSettings):
-    """Losses in the scenarios (SPEC section 4); what an option sets is taken from there."""
+    """Losses in the scenarios (equations.md 4); what an option sets is taken from there."""
 
     v_ref_hv: Annotated[float, Field(gt=0, le=100, description="reference speed of the followers [m/s]")] = 25.0
     efficiency_scale: Annotated[float, Field(gt=0, description="N_e: divides the efficiency sums [m/s]")] = 25.0
 
 
 class ScenarioPlanner(PlannerSettings):
-    """Search and replay in the scenarios (SPEC section 13)."""
+    """Search and replay in the scenarios (equations.md 13.1)."""
 
     after: Annotated[
         Literal["lcm", "constant"], Field(description="the AV's drive after T: at its end speed (paper), or LCM")
@@ -176,7 +177,7 @@ class ScenarioSettings(Section):
     name: Annotated[str, Field(min_length=1, max_length=80, description="name of the pipeline")] = "scenarios"
     seed: Annotated[int, Field(ge=0, le=2**63 - 1, description="seed of the intervals")] = 1
     accounting: Annotated[
-        Literal["paper", "follower_horizon", "equal"], Field(description="default accounting (SPEC section 13)")
+        Literal["paper", "follower_horizon", "equal"], Field(description="default accounting (equations.md 13.1)")
     ] = "follower_horizon"
     form: Annotated[Literal["fixed", "free"], Field(description="default form: end speed = start speed")] = "fixed"
     omegas: Annotated[

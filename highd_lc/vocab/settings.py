@@ -31,17 +31,19 @@ class IngestSettings(Section):
         Field(
             ge=0,
             le=100,
-            description="length at each end of the section kept out of calibration [m] (HIGHD, pitfall 3)",
+            description="length at each end of the section kept out of calibration [m] (equations.md 16.3)",
         ),
     ] = 20.0
     remove_bias: Annotated[
         bool,
-        Field(description="subtract each carriageway's mean forward acceleration, per recording (pitfall 4)"),
+        Field(
+            description="subtract each carriageway's mean forward acceleration, per recording (equations.md 16.4)"
+        ),
     ] = False
 
 
 class ExtractSettings(Section):
-    """Finding lane changes (SPEC section 11)."""
+    """Finding lane changes (equations.md 11)."""
 
     smoothing_s: Annotated[
         float, Field(gt=0, le=5, description="width of the local quadratic that smooths lateral position [s]")
@@ -93,7 +95,7 @@ class ExtractSettings(Section):
 
 
 class CalibrateSettings(Section):
-    """Fitting the LCM to each follower (SPEC section 9)."""
+    """Fitting the LCM to each follower (equations.md 9)."""
 
     objective: Annotated[
         Literal["closed-loop", "paper"],
@@ -112,7 +114,7 @@ class CalibrateSettings(Section):
         Field(description="Levenberg-Marquardt from the GA's best and from screened random points; both are kept"),
     ] = True
     population: Annotated[int, Field(ge=4, le=10000, description="GA population (paper: 200)")] = 200
-    generations: Annotated[int, Field(ge=1, le=10000, description="GA generations (SPEC section 9)")] = 200
+    generations: Annotated[int, Field(ge=1, le=10000, description="GA generations (equations.md 9.5)")] = 200
     crossover_probability: Annotated[
         float, Field(ge=0, le=1, description="SBX probability a pair (paper: 0.95)")
     ] = 0.95
@@ -120,7 +122,7 @@ class CalibrateSettings(Section):
         float, Field(ge=0, le=1, description="polynomial mutation probability a variable (paper: 0.05)")
     ] = 0.05
     screened: Annotated[
-        int, Field(ge=64, le=2**20, description="Sobol points that the screen looks at (SPEED: 2048)")
+        int, Field(ge=64, le=2**20, description="Sobol points that the screen looks at (equations.md 9.6)")
     ] = 2048
     pooling: Annotated[
         Literal["none", "penalised"],
@@ -138,7 +140,7 @@ class CalibrateSettings(Section):
 
 
 class LossSettings(Section):
-    """Losses (SPEC section 4)."""
+    """Losses (equations.md 4)."""
 
     v_ref_av: Annotated[float, Field(gt=0, le=100, description="reference speed of the AV [m/s]")] = 33.54
     v_ref_hv: Annotated[float, Field(gt=0, le=100, description="reference speed of the followers [m/s]")] = 33.54
@@ -153,7 +155,9 @@ class LossSettings(Section):
     ] = "weighted"
     handover: Annotated[
         Literal["uncounted", "counted"],
-        Field(description="step of the AV's command onto its drive by LCM, at T: not counted (SPEC 4), or from 0"),
+        Field(
+            description="step of the AV's command onto its drive by LCM: not counted, or from 0 (equations.md 4.7)"
+        ),
     ] = "uncounted"
     omega_av: Annotated[
         float, Field(gt=0, lt=1, description="weight of the AV in the local optimum (paper: 0.5)")
@@ -170,7 +174,7 @@ class LossSettings(Section):
 
 
 class ConstraintSettings(Section):
-    """Limits of a plan (SPEC section 5)."""
+    """Limits of a plan (equations.md 5.1)."""
 
     v_min: Annotated[float, Field(ge=0, le=50, description="lowest speed [m/s]; 0.8 v0 where that is lower")] = 5.0
     v_max: Annotated[float, Field(gt=0, le=100, description="highest speed [m/s]")] = 50.0
@@ -201,7 +205,7 @@ class FollowerSettings(Section):
 
 
 class PlannerSettings(Section):
-    """Search and replay conventions of the planner (SPEC sections 2 to 7)."""
+    """Search and replay conventions of the planner (equations.md 2 to 7)."""
 
     T_min: Annotated[float, Field(ge=0.5, le=60, description="shortest manoeuvre [s]")] = 2.0
     T_max: Annotated[float, Field(ge=0.5, le=60, description="longest manoeuvre [s]")] = 10.0
@@ -250,7 +254,7 @@ class PlannerSettings(Section):
 
 
 class StatisticsSettings(Section):
-    """Population statistics (SPEC section 12)."""
+    """Population statistics (equations.md 12)."""
 
     bootstrap: Annotated[int, Field(ge=100, le=100000, description="bootstrap samples over recordings")] = 2000
     confidence: Annotated[float, Field(gt=0.5, lt=1, description="coverage of the intervals")] = 0.95
@@ -258,7 +262,7 @@ class StatisticsSettings(Section):
 
 
 class StudySettings(Section):
-    """Scores under what was not optimised, and studies on a stratified, seeded sample (SPEC section 12)."""
+    """Scores under what was not optimised, and studies on a stratified, seeded sample (equations.md 12)."""
 
     sample: Annotated[
         int, Field(ge=0, le=100000, description="events in the sample: Pareto, uncertainty, horizon; 0 = none")
@@ -284,13 +288,15 @@ class StudySettings(Section):
     horizons_s: Annotated[
         tuple[Annotated[float, Field(ge=2, le=60, multiple_of=0.5)], ...],
         Field(
-            description="H of the sensitivity [s], each at most loss.horizon_s (SPEC section 4); "
+            description="H of the sensitivity [s], each at most loss.horizon_s (equations.md 4.6); "
             "of the default those that are"
         ),
     ] = (5.0, 8.0, 10.0)
     omegas: Annotated[
         tuple[Annotated[float, Field(ge=0, le=1)], ...],
-        Field(min_length=2, description="weights of the AV in the sweep beside the Pareto front (SPEC 13)"),
+        Field(
+            min_length=2, description="weights of the AV in the sweep beside the Pareto front (equations.md 7.3)"
+        ),
     ] = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0)
     population: Annotated[int, Field(ge=8, le=10000, description="NSGA-II population")] = 80
     generations: Annotated[int, Field(ge=1, le=10000, description="NSGA-II generations")] = 50

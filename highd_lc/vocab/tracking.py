@@ -1,6 +1,6 @@
 """Tracking: the reference that a plan gives, the settings of the controller, what a closed loop returns.
 
-Angles in rad, left positive; heading 0 along travel. Positions are those of the rear axle (SPEC section 8).
+Angles in rad, left positive; heading 0 along travel. Positions are those of the rear axle (equations.md 8.1).
 """
 
 from dataclasses import dataclass
@@ -88,7 +88,7 @@ class Reference:
 
 
 class TrackingSettings(BaseModel):
-    """The model predictive controller and its car (SPEC section 8; equations 20 to 24).
+    """The model predictive controller and its car (equations.md 8; equations 20 to 24).
 
     R, Q and rho are not printed in the paper; the defaults come from the sweep and the sensitivity table that are
     recorded in docs/tracking.md.
@@ -133,11 +133,11 @@ class TrackingSettings(BaseModel):
         0.0
     )
     speed_max: Annotated[
-        float, Field(gt=0, le=100, description="highest commanded speed [m/s] (SPEC section 5: 50, and a margin)")
+        float, Field(gt=0, le=100, description="highest commanded speed [m/s] (equations.md 8.4)")
     ] = 60.0
     acceleration_max: Annotated[
         float,
-        Field(gt=0, le=50, description="largest increment of the speed per second [m/s^2] (SPEC 5: 8, margin)"),
+        Field(gt=0, le=50, description="largest increment of the speed per second [m/s^2] (equations.md 8.4)"),
     ] = 10.0
     steering_max: Annotated[
         float, Field(gt=0, le=1.2, description="largest steering angle of the wheels [rad] (cars: 30-40 deg)")
@@ -150,7 +150,7 @@ class TrackingSettings(BaseModel):
         Field(gt=0, le=1, description="radians of steering bound that one unit of slack gives; speed: 1 m/s"),
     ] = 0.1
     wheelbase_ratio: Annotated[
-        float, Field(gt=0.2, lt=1, description="wheelbase over length where none is given (SPEC section 8)")
+        float, Field(gt=0.2, lt=1, description="wheelbase over length where none is given (equations.md 8.1)")
     ] = 0.6
     slack_tolerance: Annotated[
         float, Field(gt=0, le=1, description="slack from which a bound counts as softened (status `softened`)")

@@ -3,10 +3,17 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from highd_lc.core.car_following import FollowingTrack, fit_problem, objectives_of, open_loop_objective, simulate
-from highd_lc.core.car_following_kernel import LANES, TIME_STEP
+from highd_lc.core.car_following import (
+    LANES,
+    TIME_STEP,
+    FollowingTrack,
+    fit_problem,
+    objectives_of,
+    open_loop_objective,
+    simulate,
+)
 from highd_lc.core.lcm import equilibrium_spacing, lcm_acceleration
-from highd_lc.vocab.lcm_parameters import LOWER_BOUNDS, TABLE3_MEANS, UPPER_BOUNDS
+from highd_lc.vocab.driver import LOWER_BOUNDS, TABLE3_MEANS, UPPER_BOUNDS
 
 LOWER, UPPER = LOWER_BOUNDS.as_array(), UPPER_BOUNDS.as_array()
 MODES = [(open_loop, delayed) for open_loop in (False, True) for delayed in (False, True)]

@@ -4,7 +4,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from highd_lc.core.differences import known_spans, level_differences
+from highd_lc.core.kinematics import known_spans, level_differences
 
 
 def plain_spans(row):

@@ -3,7 +3,7 @@
 import numpy as np
 from numba import njit
 
-from highd_lc.core.exponential import vector_exp
+from highd_lc.core.lcm import vector_exp
 
 
 @njit

@@ -4,13 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.signal import savgol_filter
 
-from highd_lc.core.kinematics import (
-    local_polynomial,
-    narrowest_window,
-    noise_gain,
-    white_noise,
-    window_samples,
-)
+from highd_lc.core.kinematics import local_polynomial, narrowest_window, noise_gain, white_noise, window_samples
 
 
 @given(

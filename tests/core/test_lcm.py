@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from highd_lc.core.lcm import desired_spacing, equilibrium_spacing, lcm_acceleration, lcm_jerk, moved_behind
-from highd_lc.vocab.lcm_parameters import LOWER_BOUNDS, SIMULATION, TABLE3_MEANS, UPPER_BOUNDS
+from highd_lc.vocab.driver import LOWER_BOUNDS, SIMULATION, TABLE3_MEANS, UPPER_BOUNDS
 
 MEANS, PAPER = TABLE3_MEANS.as_array(), SIMULATION.as_array()
 

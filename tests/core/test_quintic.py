@@ -1,4 +1,4 @@
-"""Quintics: SPEC section 14's exact values, boundary conditions, and extrema against dense sampling."""
+"""Quintics: the exact values of equations.md 14, boundary conditions, and extrema against dense sampling."""
 
 import numpy as np
 import pytest

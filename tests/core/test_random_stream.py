@@ -1,7 +1,7 @@
 import numpy as np
 from numba import njit
 
-from highd_lc.core.random_stream import fill_uniform, new_stream, next_uniform
+from highd_lc.core.kernels import fill_uniform, new_stream, next_uniform
 
 
 def test_words_are_those_of_the_published_generator():

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from highd_lc.core.resampling import hermite, resample
+from highd_lc.core.kinematics import hermite, resample
 
 
 def cubic(t):

@@ -3,7 +3,7 @@
 import numpy as np
 from numba import njit
 
-from highd_lc.core.unaliased import UNALIASED
+from highd_lc.core.kernels import UNALIASED
 
 
 def _running_sum(values: np.ndarray, out: np.ndarray) -> None:

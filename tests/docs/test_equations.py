@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from highd_lc.vocab import names, published
-from highd_lc.vocab.lcm_parameters import (
+from highd_lc.vocab.driver import (
     LOWER_BOUNDS,
     PARAMETERS,
     SIMULATION,

@@ -25,8 +25,7 @@ from mutations import (
 )
 
 from highd_lc.io import artefacts
-from highd_lc.io.highd import Recording, read_recording
-from highd_lc.io.highd_parts import split_tracks
+from highd_lc.io.highd import Recording, read_recording, split_tracks
 from highd_lc.stages import ingest
 from highd_lc.vocab.errors import InputError
 from highd_lc.vocab.job import Job, Provenance

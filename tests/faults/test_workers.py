@@ -18,7 +18,7 @@ from rich.console import Console
 from highd_lc import engine, execution
 from highd_lc.execution import InProcess, LocalProcesses
 from highd_lc.io import settings
-from highd_lc.io.inputs import Inputs, find_inputs
+from highd_lc.io.workspace import Inputs, find_inputs
 from highd_lc.stage_run import _carry_out
 from highd_lc.vocab.errors import StorageError, WorkerLostError
 from highd_lc.vocab.job import Options

@@ -3,8 +3,8 @@
 import numpy as np
 import pandas as pd
 
-from highd_lc.io.scenes import SceneTables
-from highd_lc.vocab.lcm_parameters import PARAMETERS, TABLE3_MEANS
+from highd_lc.stages.scenes import SceneTables
+from highd_lc.vocab.driver import PARAMETERS, TABLE3_MEANS
 
 RATE, DURATION, SHIFT = 25.0, 6.0, 3.5
 EVENT = "01-0001-00100"

@@ -39,7 +39,7 @@ def test_direction_1_is_turned_around(tmp_path):
 
 
 def test_lane_ids_of_four_upper_and_three_lower_lanes(tmp_path):
-    """Lane ids 2..5 above, 7..9 below (HIGHD.md); 1 and 6 and 10 lie outside; the rightmost is 1."""
+    """Lane ids 2..5 above, 7..9 below (equations.md 15.4); 1 and 6 and 10 lie outside; the rightmost is 1."""
     upper = [track_row(f, 1, 300 - f, 2.0 + 4 * f, vx=-30, lane=f) for f in range(1, 7)]
     lower = [track_row(f - 5, 2, f, 22.0 + 4 * (f - 5), lane=f) for f in range(6, 11)]
     folder = write(

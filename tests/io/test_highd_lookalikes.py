@@ -2,7 +2,7 @@ import pytest
 from image_recording import META_COLUMNS, TRACK_COLUMNS, pair
 
 from highd_lc.io.highd import read_recording
-from highd_lc.io.highd_lookalikes import lookalike
+from highd_lc.io.highd_csv import lookalike
 from highd_lc.vocab.errors import InputError
 
 IND = "recordingId,trackId,frame,trackLifetime,xCenter,yCenter,heading,width,length,xVelocity,yVelocity"

@@ -6,9 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from highd_lc.algorithms.track_index import TrackIndex
-from highd_lc.io.highd import read_recording
-from highd_lc.io.highd_parts import split_tracks
+from highd_lc.extraction.track_index import TrackIndex
+from highd_lc.io.highd import read_recording, split_tracks
 
 FIXTURES = Path(__file__).parents[1] / "fixtures"
 COLUMNS = ("x", "y", "vx", "vy", "ax", "ay", "lane", "leader_id", "follower_id")

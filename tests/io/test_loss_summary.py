@@ -4,7 +4,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from highd_lc.io import statistics
+from highd_lc.stages import statistics
 from highd_lc.vocab import names
 from highd_lc.vocab.settings import StatisticsSettings
 

@@ -3,7 +3,7 @@ from pathlib import Path
 import pytest
 
 from highd_lc.io import atomic
-from highd_lc.io.records import Records
+from highd_lc.io.workspace import Records
 from highd_lc.vocab.job import JobReport, Problem
 
 REPORT = JobReport({"events": 3}, (Problem(1, "validate", "01-0001-00001: something"),))

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from highd_lc.io.synthetic_csv import write_frame, write_table
+from highd_lc.io.synthetic import write_frame, write_table
 
 INT32 = st.integers(-(2**31), 2**31 - 1)
 

@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 
 from highd_lc.io.synthetic import simulate_recording, truth_of, write_recording
-from highd_lc.vocab.lcm_parameters import PARAMETERS
+from highd_lc.vocab.driver import PARAMETERS
 from highd_lc.vocab.recorder import FAULTLESS, RecorderSettings
 
 RATE = 25.0

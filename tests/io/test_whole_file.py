@@ -2,7 +2,7 @@
 
 import pytest
 
-from highd_lc.io.whole_file import whole_file
+from highd_lc.io.atomic import whole_file
 
 
 def break_off(path):

@@ -8,7 +8,7 @@ import numpy as np
 from highd_lc.core.lcm import lcm_acceleration
 from highd_lc.reporting.event import Box, EventReport, FitTrace, Path, Play, Surface, TrackTrace
 from highd_lc.vocab import names
-from highd_lc.vocab.lcm_parameters import PARAMETERS, TABLE3_MEANS
+from highd_lc.vocab.driver import PARAMETERS, TABLE3_MEANS
 
 DT, N, V0, D = 0.1, 150, 28.4, 3.6
 EVENT_ID = "07-0123-00456"

@@ -11,8 +11,8 @@ from highd_lc.reporting.pages_calibration import CalibrationTables
 from highd_lc.reporting.pages_index import IndexTables
 from highd_lc.reporting.pages_summary import SummaryTables
 from highd_lc.vocab import names
-from highd_lc.vocab.fit_tables import BELIEVED, NOT_IDENTIFIABLE
-from highd_lc.vocab.lcm_parameters import PARAMETERS, TABLE3_MEANS, TABLE3_QUANTILES
+from highd_lc.vocab.driver import PARAMETERS, TABLE3_MEANS, TABLE3_QUANTILES
+from highd_lc.vocab.tables.summaries import BELIEVED, NOT_IDENTIFIABLE
 
 
 def sample_run(n: int = 60, *, seed: int = 4) -> IndexTables:

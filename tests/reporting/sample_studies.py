@@ -8,7 +8,7 @@ import pandas as pd
 
 from highd_lc.reporting.pages_studies import StudyTables
 from highd_lc.vocab import names
-from highd_lc.vocab.study_tables import FOLLOWER_MODELS, FRONT, SWEEP
+from highd_lc.vocab.tables.studies import FOLLOWER_MODELS, FRONT, SWEEP
 
 
 def gains(k: int) -> dict[str, float]:

@@ -11,8 +11,7 @@ from highd_lc.reporting.pages_calibration import calibration_page
 from highd_lc.reporting.pages_data import data_page, excluded_page
 from highd_lc.reporting.pages_event import Links, event_page
 from highd_lc.reporting.pages_index import index_page
-from highd_lc.reporting.pages_population import dictionary_page, matrix_page
-from highd_lc.reporting.pages_start import StartTables, start_page
+from highd_lc.reporting.pages_population import StartTables, dictionary_page, matrix_page, start_page
 from highd_lc.reporting.pages_studies import studies_page
 from highd_lc.reporting.pages_summary import summary_page
 

@@ -1,6 +1,6 @@
 """Table bodies written as strings: their words come from data, and are text all the same."""
 
-from highd_lc.reporting import event_tables
+from highd_lc.reporting import event_rows
 from highd_lc.vocab import names
 
 HOSTILE = "<b>&\"'"
@@ -13,10 +13,10 @@ def test_words_are_escaped_in_every_body():
     margin = {"name": HOSTILE, "unit": HOSTILE, "margins": [None], "rejected": []}
     track = {"policy": names.HUMAN, "plant": HOSTILE, "status": HOSTILE, "cells": [], "violations": HOSTILE}
     bodies = {
-        event_tables.loss_body([loss]): 1,
-        event_tables.plan_body([plan]): 2,
-        event_tables.margin_body([margin]): 2,
-        event_tables.tracking_body([track]): 3,
+        event_rows.loss_body([loss]): 1,
+        event_rows.plan_body([plan]): 2,
+        event_rows.margin_body([margin]): 2,
+        event_rows.tracking_body([track]): 3,
     }
     for body, words in bodies.items():
         assert body.count(ESCAPED) == words
@@ -25,7 +25,7 @@ def test_words_are_escaped_in_every_body():
 
 def test_bars_are_told_in_words_with_the_total():
     row = {"policy": names.HUMAN, "bars": [("av-comfort", 12.5)], "label": HOSTILE, "cells": [0.0] * 6 + [7.0]}
-    body = event_tables.loss_body([{**row, "status": "", "each": [None]}])
+    body = event_rows.loss_body([{**row, "status": "", "each": [None]}])
     assert f'aria-label="{ESCAPED}: total 7.00"' in body
     assert "width: 12.5%" in body
     assert body.count('<td class="n">') == 8
@@ -33,10 +33,10 @@ def test_bars_are_told_in_words_with_the_total():
 
 def test_an_infeasible_plan_is_marked():
     plan = {"policy": names.HUMAN, "status": "s", "cells": [], "remarks": "", "safety": [(None, 2), (-1.0, 2)]}
-    assert '<td class="bad">s</td>' in event_tables.plan_body([{**plan, "infeasible": True}])
-    assert 'class="bad"' not in event_tables.plan_body([{**plan, "infeasible": False}])
-    assert event_tables.safety_body([plan]).endswith('<td class="n">–</td><td class="n">−1.00</td></tr>\n')
+    assert '<td class="bad">s</td>' in event_rows.plan_body([{**plan, "infeasible": True}])
+    assert 'class="bad"' not in event_rows.plan_body([{**plan, "infeasible": False}])
+    assert event_rows.safety_body([plan]).endswith('<td class="n">–</td><td class="n">−1.00</td></tr>\n')
 
 
 def test_no_rows_are_no_lines():
-    assert event_tables.loss_body([]) == ""
+    assert event_rows.loss_body([]) == ""

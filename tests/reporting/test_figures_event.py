@@ -9,8 +9,7 @@ from PIL import Image
 from sample_event import infeasible_event, sample_event
 
 from highd_lc.reporting import figures_event
-from highd_lc.reporting.figures_event import EventPainter, event_figure, event_vector
-from highd_lc.reporting.panels_event import event_panels
+from highd_lc.reporting.figures_event import EventPainter, event_figure, event_panels, event_vector
 from highd_lc.vocab import names
 
 

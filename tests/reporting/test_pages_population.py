@@ -7,7 +7,6 @@ import pytest
 from sample_run import calibration, matrix, recordings, sample_run, sample_summary
 from sample_studies import studies
 
-from highd_lc.io import lcm_summary, statistics
 from highd_lc.reporting import labels
 from highd_lc.reporting.pages_calibration import calibration_page
 from highd_lc.reporting.pages_data import data_page, excluded_page
@@ -15,8 +14,9 @@ from highd_lc.reporting.pages_index import IndexTables, index_page
 from highd_lc.reporting.pages_population import dictionary_page, matrix_page
 from highd_lc.reporting.pages_studies import StudyTables, studies_page
 from highd_lc.reporting.pages_summary import summary_page
+from highd_lc.stages import population_tables, statistics
 from highd_lc.vocab import names
-from highd_lc.vocab.lcm_parameters import TABLE3_MEANS
+from highd_lc.vocab.driver import TABLE3_MEANS
 from highd_lc.vocab.tables import TABLES
 
 
@@ -216,7 +216,7 @@ def test_no_share_is_taken_of_nothing():
 
 def test_every_quantity_of_the_tables_has_words():
     assert set(statistics._QUANTITIES) <= set(labels.QUANTITIES)
-    assert set(lcm_summary._QUALITY) <= set(labels.FIT_QUALITY)
+    assert set(population_tables._QUALITY) <= set(labels.FIT_QUALITY)
 
 
 def test_one_location_leaves_nothing_to_leave_out():

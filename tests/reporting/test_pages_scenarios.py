@@ -16,7 +16,7 @@ from highd_lc.reporting.figures_space_time import (
     speed_maps_figure,
 )
 from highd_lc.reporting.tables_scenarios import reach
-from highd_lc.reporting.terminal_scenarios import claims_table
+from highd_lc.reporting.terminal import claims_table
 from highd_lc.vocab import names
 
 CELLS = list(itertools.product(names.FORMS, names.ACCOUNTINGS))

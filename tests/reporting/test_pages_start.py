@@ -4,8 +4,8 @@ import numpy as np
 import pandas as pd
 
 from highd_lc.reporting.drawing import DARK
-from highd_lc.reporting.figures_start import start_figure
-from highd_lc.reporting.pages_start import StartTables, start_page
+from highd_lc.reporting.figures_population import start_figure
+from highd_lc.reporting.pages_population import StartTables, start_page
 from highd_lc.vocab import names
 from highd_lc.vocab.tables import TABLES
 

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 from sample_event import plan_row, sample_event
 
-from highd_lc.reporting.start_words import start_sentences
+from highd_lc.reporting.pages_event import start_sentences
 from highd_lc.vocab import names
 
 

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pandas as pd
 
-from highd_lc.io import artefacts, tracks_file
+from highd_lc.io import artefacts, highd
 from highd_lc.stages import calibrate, extract, ingest, validate
 from highd_lc.vocab.job import Combination, Job, JobReport, Provenance
 from highd_lc.vocab.settings import Settings
@@ -24,7 +24,7 @@ def read(work: Path, recording: int = 1) -> dict[str, pd.DataFrame]:
     tables = {
         name: artefacts.read_part(work, stage, name, recording) for stage, names in parts.items() for name in names
     }
-    return {**tables, "tracks": artefacts.read_file(tracks_file.path_of(work, recording), "tracks")}
+    return {**tables, "tracks": artefacts.read_file(highd.path_of(work, recording), "tracks")}
 
 
 def extracted(

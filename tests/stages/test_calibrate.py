@@ -2,14 +2,14 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from highd_lc.algorithms.calibration import pose
 from highd_lc.core.car_following import objectives_of
+from highd_lc.drivers.calibration import pose
 from highd_lc.io import artefacts
-from highd_lc.io.follower_tracks import track_of
 from highd_lc.stages import calibrate
+from highd_lc.stages.scenes import track_of
 from highd_lc.vocab import names
+from highd_lc.vocab.driver import PARAMETERS, TABLE3_MEANS
 from highd_lc.vocab.job import Combination, Job, Provenance
-from highd_lc.vocab.lcm_parameters import PARAMETERS, TABLE3_MEANS
 from highd_lc.vocab.settings import CalibrateSettings, Settings
 from highd_lc.vocab.tables import TABLES
 

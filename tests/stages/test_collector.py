@@ -2,11 +2,11 @@ import gc
 
 import pytest
 
-from highd_lc.stages import collector
+from highd_lc.stages import report
 
 
 def test_cycles_wait_until_the_end_and_are_found_then():
-    with collector.put_off():
+    with report.put_off():
         assert not gc.isenabled()
         for _ in range(3):
             cycle = []
@@ -17,7 +17,7 @@ def test_cycles_wait_until_the_end_and_are_found_then():
 
 
 def test_an_error_inside_turns_it_on_again():
-    with pytest.raises(KeyError), collector.put_off():
+    with pytest.raises(KeyError), report.put_off():
         raise KeyError
     assert gc.isenabled()
 
@@ -25,7 +25,7 @@ def test_an_error_inside_turns_it_on_again():
 def test_who_had_turned_it_off_keeps_it_off():
     gc.disable()
     try:
-        with collector.put_off():
+        with report.put_off():
             pass
         assert not gc.isenabled()
     finally:

@@ -123,7 +123,7 @@ def test_the_index_gains_are_those_of_the_losses(work, made):
 
 
 def follower_loss(play: dict, weights: list[float], last: int) -> float:
-    """The followers' loss recomputed from what a page draws (SPEC section 4)."""
+    """The followers' loss recomputed from what a page draws (equations.md 4)."""
     import base64
 
     values, offset, data = [], 0, np.frombuffer(base64.b64decode(play["data"]), np.int8)

@@ -9,7 +9,7 @@ from running import job
 from highd_lc.io import artefacts
 from highd_lc.io import settings as settings_file
 from highd_lc.stages import calibrate, extract, ingest
-from highd_lc.stages.scenario_recordings import fitted_drivers, has_recordings, recorded_change, state_rows
+from highd_lc.stages.scenario_pages import fitted_drivers, has_recordings, recorded_change, state_rows
 from highd_lc.stages.scenarios import load_recordings
 from highd_lc.vocab.job import Combination
 from highd_lc.vocab.scenarios import ScenarioSettings

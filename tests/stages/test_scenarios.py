@@ -7,10 +7,10 @@ import pytest
 
 from highd_lc.io import artefacts
 from highd_lc.io import settings as settings_file
-from highd_lc.reporting.crosslinks import TO_SCENARIOS
+from highd_lc.reporting.html import TO_SCENARIOS
 from highd_lc.stages import scenarios
-from highd_lc.vocab.scenario_tables import SCENARIO_TABLES
 from highd_lc.vocab.scenarios import ScenarioSettings
+from highd_lc.vocab.tables.scenarios import SCENARIO_TABLES
 
 FIGURES = ("plans", "followers", "losses", "weights", "speed_maps", "rectangle", "scenario_3", "growth")
 

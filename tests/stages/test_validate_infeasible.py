@@ -8,9 +8,9 @@ import pandas as pd
 import pytest
 from running import FIXTURES, validated
 
-from highd_lc.algorithms.plan_tracking import PlanTracker
 from highd_lc.io import artefacts
 from highd_lc.stages import validate
+from highd_lc.tracking.plan_tracking import PlanTracker
 from highd_lc.vocab import names
 from highd_lc.vocab.job import Job, Provenance
 from highd_lc.vocab.settings import Settings

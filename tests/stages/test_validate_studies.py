@@ -10,7 +10,7 @@ from running import validated
 from highd_lc.io import artefacts
 from highd_lc.vocab import names
 from highd_lc.vocab.settings import Settings
-from highd_lc.vocab.study_tables import STUDY_TABLES
+from highd_lc.vocab.tables.studies import STUDY_TABLES
 
 SETTINGS = Settings.model_validate(
     {

@@ -1,0 +1,1 @@
+"""Drivers fitted to recorded car-following: objectives, optimisers, what the data tell of them."""

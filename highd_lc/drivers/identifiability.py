@@ -1,0 +1,177 @@
+"""What a fit can know: profiles of the objective, correlation of parameters, dispersion over the GA's seeds.
+
+On 7 to 13 s of car following many parameter sets fit equally well (equations.md 9). These functions say which
+parameters a track determines, and over what range the others may vary at nearly the same objective.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from highd_lc.core.car_following import FitProblem, FollowingTrack
+from highd_lc.core.drive import UNBOUNDED
+from highd_lc.drivers.calibration import pose
+from highd_lc.drivers.genetic import GeneticAlgorithm
+from highd_lc.drivers.least_squares import STARTS, curvature, descend, screen
+from highd_lc.vocab.driver import PARAMETERS
+from highd_lc.vocab.settings import CalibrateSettings
+from highd_lc.vocab.tables.summaries import BELIEVED, NOT_IDENTIFIABLE, WEAK
+
+FloatArray = NDArray[np.float64]
+
+TOLERANCE: Final = 0.05
+"""Objectives within this share of the best count as nearly as good."""
+# A parameter is believed if its interval takes at most this share of its range in the median follower and at
+# most this share of the fits sit on its bounds; it is weakly determined below the second pair.
+_BELIEVED, _WEAK = (0.25, 0.10), (0.60, 0.30)
+_ITERATIONS = 25
+
+
+@dataclass(frozen=True)
+class Profile:
+    """Least objective, over the other five parameters, at each value of one parameter.
+
+    values: ascending, shape (n,); objectives, shape (n,); low, high: the interval around the best fit within which
+    the objective stays within ``TOLERANCE`` of the best.
+    """
+
+    values: FloatArray
+    objectives: FloatArray
+    low: float
+    high: float
+
+
+def profile(
+    problem: FitProblem, best: FloatArray, parameter: int, *, rng: np.random.Generator, n: int = STARTS // 2
+) -> Profile:
+    """Profile of one parameter (its index) over its bounds, n <= STARTS / 2 values and the best fit's (6,).
+
+    At every value the other parameters start from the best fit and from a screened point.
+    """
+    values = np.linspace(problem.lower[parameter], problem.upper[parameter], n)
+    starts = np.concatenate([np.tile(best[:, None], n), screen(problem, rng, count=512, keep=n)], axis=1)
+    starts[parameter] = np.tile(values, 2)
+    _, reached = descend(problem, starts, iterations=_ITERATIONS, pinned=parameter)
+    _, at_best = descend(problem, best[:, None], iterations=_ITERATIONS, pinned=parameter)
+    place = int(np.searchsorted(values, best[parameter]))
+    values = np.insert(values, place, best[parameter])
+    objectives = np.insert(reached.reshape(2, n).min(axis=0), place, at_best[0])
+    return Profile(values, objectives, *_interval(values, objectives, place))
+
+
+def _interval(values: FloatArray, objectives: FloatArray, place: int) -> tuple[float, float]:
+    """Where the profile leaves the tolerance on either side of place, linear between values."""
+    limit = (1.0 + TOLERANCE) * objectives.min()
+    ends = []
+    for step, last in ((-1, 0), (1, len(values) - 1)):
+        i = place
+        while i != last and objectives[i + step] <= limit:
+            i += step
+        if i == last or objectives[i] > limit:
+            ends.append(float(values[i]))
+        else:
+            share = (limit - objectives[i]) / (objectives[i + step] - objectives[i])
+            ends.append(float(values[i] + share * (values[i + step] - values[i])))
+    return ends[0], ends[1]
+
+
+def correlations(problem: FitProblem, best: FloatArray) -> FloatArray:
+    """Correlation (6, 6) of the parameters at a best fit, from the inverse of the curvature.
+
+    NaN in the rows and columns of parameters that sit on a bound or to which the fit does not respond.
+    """
+    _, hessian = curvature(problem, best)
+    scale = problem.upper - problem.lower
+    scaled = hessian * np.outer(scale, scale)
+    inside = (best > problem.lower) & (best < problem.upper)
+    known = np.flatnonzero(inside & (np.diag(scaled) > 1e-9 * np.diag(scaled).max()))
+    result = np.full((6, 6), np.nan)
+    if len(known) == 0:
+        return result
+    part = scaled[np.ix_(known, known)]
+    covariance = np.linalg.inv(part + 1e-12 * np.trace(part) * np.eye(len(known)))
+    deviation = np.sqrt(np.diag(covariance))
+    result[np.ix_(known, known)] = covariance / np.outer(deviation, deviation)
+    return result
+
+
+def spread_over_seeds(problem: FitProblem, seeds: Sequence[int]) -> FloatArray:
+    """Standard deviation of each parameter over the paper's GA with other seeds, not polished, shape (6,)."""
+    found = [GeneticAlgorithm().minimise(problem, np.random.default_rng(seed)).parameters for seed in seeds]
+    spread: FloatArray = np.std(found, axis=0)
+    return spread
+
+
+@dataclass(frozen=True)
+class Identifiability:
+    """What the tracks of a sample determine, by parameter, each of shape (6,).
+
+    width: median width of the profile's interval as a share of the range; share_open: share of followers whose
+    interval reaches a bound; spread: median over followers of the standard deviation over seeds of the GA, in the
+    parameter's unit; partner: index of the most correlated other parameter (-1: none known); correlation: median
+    |r| with it.
+    """
+
+    n: int
+    width: FloatArray
+    share_open: FloatArray
+    spread: FloatArray
+    partner: NDArray[np.int64]
+    correlation: FloatArray
+
+
+def identifiability(
+    tracks: Sequence[FollowingTrack],
+    fits: Sequence[FloatArray],
+    settings: CalibrateSettings,
+    *,
+    seeds: Sequence[int],
+    repeats: int = 3,
+    hardest: float = UNBOUNDED,
+) -> Identifiability:
+    """Study fitted followers: their tracks, parameters (6,) and seeds, in the same order, at least one."""
+    widths, opens, spreads, matrices = [], [], [], []
+    for track, best, seed in zip(tracks, fits, seeds, strict=True):
+        problem, rng = pose(track, settings, hardest=hardest), np.random.default_rng(seed)
+        profiles = [profile(problem, best, j, rng=rng) for j in range(len(PARAMETERS))]
+        low, high = (np.array([getattr(p, end) for p in profiles]) for end in ("low", "high"))
+        widths.append((high - low) / (problem.upper - problem.lower))
+        opens.append((low <= problem.lower) | (high >= problem.upper))
+        spreads.append(spread_over_seeds(problem, [seed + r for r in range(repeats)]))
+        matrices.append(np.abs(correlations(problem, best)))
+    partner, correlation = _partners(np.array(matrices))
+    return Identifiability(
+        len(widths),
+        np.median(widths, axis=0),
+        np.mean(opens, axis=0),
+        np.median(spreads, axis=0),
+        partner,
+        correlation,
+    )
+
+
+def _partners(matrices: FloatArray) -> tuple[NDArray[np.int64], FloatArray]:
+    """Most correlated other parameter of each: median |r| over the followers (n, 6, 6) in which it is known."""
+    partner, correlation = np.full(6, -1), np.full(6, np.nan)
+    for j in range(6):
+        for other in range(6):
+            known = matrices[:, j, other][np.isfinite(matrices[:, j, other])]
+            if other == j or len(known) == 0:
+                continue
+            if not np.median(known) <= correlation[j]:
+                partner[j], correlation[j] = other, np.median(known)
+    return partner, correlation
+
+
+def verdict(width: float, share_at_bound: float) -> str:
+    """Whether a parameter may be believed: ``believed``, ``weak`` or ``not identifiable``.
+
+    width: median width of its interval as a share of its range; share_at_bound: share of all fits on a bound.
+    """
+    for word, (widest, most) in ((BELIEVED, _BELIEVED), (WEAK, _WEAK)):
+        if width <= widest and share_at_bound <= most:
+            return word
+    return NOT_IDENTIFIABLE

@@ -1,0 +1,1 @@
+"""Plans of the AV: scene, candidates, limits, contacts, search, starts."""

@@ -1,0 +1,113 @@
+"""Limits of speed, acceleration and jerk over a whole manoeuvre, by their exact extrema (paper, equation 8)."""
+
+import math
+from typing import Final, NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from highd_lc.core.quintic import END_JY, PEAK_AY, Quintic, forward_extrema, speed_extrema
+from highd_lc.vocab.settings import ConstraintSettings
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+CONSTRAINTS: Final = ("jerk_y", "acceleration_y", "speed", "acceleration_x", "jerk_x")
+"""Dynamic constraints in the order in which they are tested; a violation is numbered 1 + its index."""
+# Rounding of T = n dt must not decide whether a plan on a limit passes.
+_SLACK = 1e-9
+# Far above the rounding of an extremum: a speed below the limit by this much needs none.
+_CLEAR = 1e-6
+
+
+class Limits(NamedTuple):
+    """Lowest and highest speed [m/s], largest |acceleration| [m/s^2] and |jerk| [m/s^3]."""
+
+    v_min: float
+    v_max: float
+    acceleration: float
+    jerk: float
+
+
+def limits(v0: float, settings: ConstraintSettings) -> Limits:
+    """The limits of an event: v_min is at most 0.8 v0 (equations.md 5). v0 in m/s."""
+    return Limits(min(settings.v_min, 0.8 * v0), settings.v_max, settings.acceleration, settings.jerk)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def violation(T: float, delta: float, change: float, v0: float, D: float, limit: Limits) -> int:
+    """The first constraint that a plan violates: 0 none, else 1 + index in ``CONSTRAINTS``.
+
+    T [s], delta = x_final - v0 T [m], change = v_end - v0 [m/s], v0 [m/s], D [m].
+    """
+    if END_JY * abs(D) / T**3 > limit.jerk + _SLACK:
+        return 1
+    if PEAK_AY * abs(D) / T**2 > limit.acceleration + _SLACK:
+        return 2
+    alpha, beta = delta / (T * T), change / T
+    v_low, v_high, a_high, j_high = forward_extrema(alpha, beta, v0, T)
+    if v_low < 0.0:
+        return 3
+    # hypot(xdot, ydot) lies between xdot and hypot(max xdot, max ydot): the exact extremum decides only rarely.
+    if v_low < limit.v_min - _SLACK or np.hypot(v_high, 1.875 * D / T) > limit.v_max + _SLACK:
+        if v_high > limit.v_max + _SLACK or _slowest_known(T, delta, change, v0, D) < limit.v_min - _CLEAR:
+            return 3
+        low, high = speed_extrema(alpha, beta, v0, D, T)
+        if low < limit.v_min - _SLACK or high > limit.v_max + _SLACK:
+            return 3
+    if a_high > limit.acceleration + _SLACK:
+        return 4
+    if j_high > limit.jerk + _SLACK:
+        return 5
+    return 0
+
+
+@njit(inline="always")
+def _slowest_known(T: float, delta: float, change: float, v0: float, D: float) -> float:
+    """The lower of the speeds halfway (see ``forward_interval``) and at the end [m/s]; an extremum is dear."""
+    halfway = math.hypot(v0 + 1.875 * delta / T - 0.4375 * change, 1.875 * D / T)
+    return min(halfway, abs(v0 + change))
+
+
+@njit(cache=True, nogil=True)
+def violations(
+    T: FloatArray, delta: FloatArray, change: FloatArray, v0: float, D: float, limit: Limits
+) -> IntArray:
+    """``violation`` of many plans. T: shape (rows,); delta, change: shape (rows, candidates)."""
+    codes = np.empty(delta.shape, np.int64)
+    for row in range(delta.shape[0]):
+        for w in range(delta.shape[1]):
+            codes[row, w] = violation(T[row], delta[row, w], change[row, w], v0, D, limit)
+    return codes
+
+
+def margins(plan: Quintic, limit: Limits) -> dict[str, float]:
+    """How far a plan stays inside each dynamic limit, in the limit's unit; negative = violated."""
+    T, delta, change = plan.T, plan.x_final - plan.v0 * plan.T, plan.v_end - plan.v0
+    alpha, beta = delta / T**2, change / T
+    _, _, a_high, j_high = forward_extrema(alpha, beta, plan.v0, T)
+    low, high = speed_extrema(alpha, beta, plan.v0, plan.D, T)
+    return {
+        "speed": min(low - limit.v_min, limit.v_max - high),
+        "acceleration_x": limit.acceleration - a_high,
+        "acceleration_y": limit.acceleration - PEAK_AY * abs(plan.D) / T**2,
+        "jerk_x": limit.jerk - j_high,
+        "jerk_y": limit.jerk - END_JY * abs(plan.D) / T**3,
+    }
+
+
+def forward_interval(T: FloatArray, change: FloatArray, v0: float, limit: Limits) -> tuple[FloatArray, FloatArray]:
+    """Interval of delta [m] outside which a plan violates the jerk at its ends or the forward speed halfway.
+
+    T, change: broadcastable shapes. jx(0) = (60 alpha - 24 beta) / T, jx(1) = (60 alpha - 36 beta) / T,
+    xdot(1/2) = v0 + 1.875 delta / T - 0.4375 change.
+    """
+    beta, bound = change / T, limit.jerk * T
+    low = (np.maximum(24.0 * beta, 36.0 * beta) - bound) * T**2 / 60.0
+    high = (np.minimum(24.0 * beta, 36.0 * beta) + bound) * T**2 / 60.0
+    middle = 0.4375 * change - v0
+    return (
+        np.maximum(low, (limit.v_min + middle) * T / 1.875),
+        np.minimum(high, (limit.v_max + middle) * T / 1.875),
+    )

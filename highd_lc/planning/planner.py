@@ -1,0 +1,347 @@
+"""Plans of every policy for one event: self-optimum, local optimum and the references beside them."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from highd_lc.core.quintic import Quintic
+from highd_lc.planning import limits
+from highd_lc.planning.candidates import LossTerms, loss_terms
+from highd_lc.planning.pool import Goal, Pool, Task
+from highd_lc.planning.replay import (
+    AvMotion,
+    Replay,
+    clearances,
+    drive_on,
+    follow,
+    free_motion,
+    human_motion,
+    plan_motion,
+    replay,
+)
+from highd_lc.planning.scene import PackedScene, Scene, contact_words, obstacle_roles, pack
+from highd_lc.planning.search import nominal_rejections, search
+from highd_lc.scoring import charges
+from highd_lc.vocab import names
+from highd_lc.vocab.settings import ValidateSettings
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+CONSTANT_T = 5.5
+"""Duration of the reference that changes lane at constant speed [s] (equations.md 6)."""
+
+FORM_OF = {
+    names.BENCHMARK: names.FIXED,
+    names.LOCAL_OPTIMUM: names.FIXED,
+    names.BENCHMARK_FREE: names.FREE,
+    names.LOCAL_OPTIMUM_FREE: names.FREE,
+}
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What a policy does under an accounting, and why nothing better or nothing at all was possible.
+
+    quintic: the plan, None for policies that follow no quintic and for infeasible ones. n: samples of T. replay:
+    what happens, None if infeasible. rejected_by: rejected candidates by constraint; margins: in the
+    constraint's unit, of the plan or, when infeasible, the closest of any candidate. delay_s: from t_start to the
+    start of the quintic [s]; gap: where the AV goes. contact: who drives through whom (``names.through``), or "".
+    """
+
+    policy: str
+    accounting: str
+    status: str
+    quintic: Quintic | None = None
+    replay: Replay | None = None
+    objective: float = np.nan
+    candidates: int = 0
+    rejected_by: dict[str, int] = field(default_factory=dict)
+    margins: dict[str, float] = field(default_factory=dict)
+    delay_s: float = 0.0
+    gap: str = names.RECORDED_GAP
+    contact: str = ""
+
+    @property
+    def at_bound(self) -> list[str]:
+        """Margins that are used up: nearly 0 beside the limits of speed, acceleration and jerk."""
+        return [name for name, margin in self.margins.items() if abs(margin) < 1e-3]
+
+
+@dataclass(frozen=True)
+class PlanningProblem:
+    """An event ready to be planned: its scene, the packed arrays, loss terms, limits, settings."""
+
+    scene: Scene
+    packed: PackedScene
+    terms: LossTerms
+    limit: limits.Limits
+    settings: ValidateSettings
+    roles: tuple[str, ...]
+
+    @property
+    def task(self) -> Task:
+        """The search that this problem poses."""
+        return Task(self.packed, self.terms, self.limit, self.settings.planner)
+
+    @cached_property
+    def pools(self) -> dict[str, Pool]:
+        """The candidates of each form, searched once."""
+        return search_pools(self)
+
+
+def pose(scene: Scene, settings: ValidateSettings) -> PlanningProblem:
+    """Pose the planning problem of an event."""
+    packed = pack(scene, settings)
+    return PlanningProblem(
+        scene,
+        packed,
+        loss_terms(scene, packed.weights, settings.loss),
+        limits.limits(scene.v0, settings.constraints),
+        settings,
+        obstacle_roles(scene),
+    )
+
+
+def policies(settings: ValidateSettings) -> tuple[str, ...]:
+    """The policies that are planned under the settings, references first."""
+    free = names.FREE_POLICIES if settings.planner.free_form else ()
+    return names.REFERENCE_POLICIES + names.FIXED_POLICIES + free
+
+
+def plan_all(problem: PlanningProblem) -> list[Plan]:
+    """The plans of every policy under every accounting.
+
+    An event whose ellipses overlap at t_start already, or without a feasible plan, gives plans with that status.
+    """
+    plans = [plan for policy in names.REFERENCE_POLICIES for plan in reference_plans(problem, policy)]
+    if overlap_at_start(problem):
+        return plans + infeasible_at_start(problem, [q for q in policies(problem.settings) if q in FORM_OF])
+    return plans + list(_optimal(problem, problem.pools))
+
+
+def goals(problem: PlanningProblem) -> list[Goal]:
+    """What the optimal policies minimise: both weights of the AV under every accounting."""
+    return [Goal(a, o) for a in names.ACCOUNTINGS for o in (1.0, problem.settings.loss.omega_av)]
+
+
+def search_pools(problem: PlanningProblem) -> dict[str, Pool]:
+    """The candidates of each form; those of the fixed form are part of the free one."""
+    pools = {names.FIXED: search(problem.task, goals(problem))}
+    if problem.settings.planner.free_form:
+        pools[names.FREE] = search(problem.task, goals(problem), known=pools[names.FIXED])
+    return pools
+
+
+def _optimal(problem: PlanningProblem, pools: dict[str, Pool]) -> Iterator[Plan]:
+    # The same plan is often best under several accountings: replay it once.
+    replays: dict[Quintic, Replay] = {}
+    nominal = {form: nominal_rejections(problem.task, free=form == names.FREE) for form in pools}
+    for policy, form in FORM_OF.items():
+        if form not in pools:
+            continue
+        omega = 1.0 if policy in (names.BENCHMARK, names.BENCHMARK_FREE) else problem.settings.loss.omega_av
+        for accounting in names.ACCOUNTINGS:
+            goal = Goal(accounting, omega)
+            yield _best_plan(problem, pools[form], goal, policy, nominal[form], replays)
+
+
+def _best_plan(
+    problem: PlanningProblem,
+    pool: Pool,
+    goal: Goal,
+    policy: str,
+    nominal: dict[str, int],
+    replays: dict[Quintic, Replay],
+) -> Plan:
+    count, rejected = rejections(problem, pool, goal.accounting, nominal)
+    best = pool.best(goal)
+    if best is None:
+        margin = closest_margins(problem, pool, goal.accounting)
+        return Plan(policy, goal.accounting, names.INFEASIBLE, None, None, np.nan, count, rejected, margin)
+    quintic = problem.task.quintic(int(pool.n[best]), float(pool.delta[best]), float(pool.change[best]))
+    if quintic not in replays:
+        replays[quintic] = replay(plan_motion(quintic, problem.packed), problem.packed)
+    value = float(pool.objective(goal)[best])
+    margin = plan_margins(problem, quintic, replays[quintic], goal.accounting)
+    return Plan(policy, goal.accounting, names.SOLVED, quintic, replays[quintic], value, count, rejected, margin)
+
+
+def reference_plans(problem: PlanningProblem, policy: str) -> list[Plan]:
+    """A reference policy under every accounting: never rejected, its violations show as negative margins."""
+    quintic, motion = None, {}
+    if policy == names.CONSTANT:
+        v0 = problem.scene.v0
+        T = constant_samples(problem.packed) * problem.packed.dt
+        quintic = Quintic(v0=v0, D=problem.scene.lateral_shift, T=round(T, 10), x_final=v0 * T, v_end=v0)
+        played = replay(plan_motion(quintic, problem.packed), problem.packed)
+    elif policy == names.HUMAN:
+        # The recorded path is that of the box centre: nothing to move for the clearances.
+        centred = problem.packed._replace(rear_to_centre=0.0)
+        played = replay(human_motion(problem.scene.human, centred), centred)
+        motion = human_margins(problem)
+    else:
+        played = stay(problem)
+    met = {accounting: contact_of(problem, policy, played, accounting) for accounting in names.ACCOUNTINGS}
+    return [
+        Plan(
+            policy,
+            accounting,
+            names.CONTACT if met[accounting] else names.REFERENCE,
+            quintic,
+            played,
+            margins=motion | plan_margins(problem, quintic, played, accounting),
+            contact=met[accounting],
+        )
+        for accounting in names.ACCOUNTINGS
+    ]
+
+
+def contact_of(problem: PlanningProblem, policy: str, played: Replay, accounting: str) -> str:
+    """Who drives through whom in a policy's replay over the accounted time (``charges.first_contact``), or ""."""
+    _, last = charges.charged_samples(accounting, played.av.n, len(played.av.x) - 1)
+    joins = policy != names.NO_LANE_CHANGE
+    origin = problem.scene.origin_leader
+    return charges.first_contact(played, problem.packed, joins=joins, last=last, origin_leader=origin)
+
+
+def stay(problem: PlanningProblem) -> Replay:
+    """No lane change (see ``unchanged_motion``) with its clearances."""
+    packed = problem.packed
+    av, x, v, a = unchanged_motion(problem)
+    to_T, after_T = clearances(av.x, av.y, av.vx, av.vy, av.n, len(av.x) - 1, packed, x)
+    return Replay(av, x, v, a, to_T, after_T)
+
+
+def unchanged_motion(problem: PlanningProblem) -> tuple[AvMotion, FloatArray, FloatArray, FloatArray]:
+    """The AV behind the origin leader, the followers behind the target leader: its motion, and their x, v, a.
+
+    Both by LCM; the AV's drive follows the setting ``after`` from t_start on. T counts as ``CONSTANT_T``.
+    """
+    packed = problem.packed
+    origin = problem.scene.origin_leader
+    samples = len(packed.target_v)
+    front = np.full(samples, np.inf) if origin is None else origin.x + origin.length / 2.0
+    speed = np.zeros(samples) if origin is None else origin.v
+    lane = packed._replace(target_front=front, target_v=speed, D=0.0, from_crossing=False)
+    free = free_motion(packed)
+    drive_on(free.x, free.y, free.vx, free.ax, free.jerk, free.n, lane)
+    x, v, a = (np.empty((len(packed.follower_x), samples)) for _ in range(3))
+    follow(free.x, free.vx, samples, packed, x, v, a)
+    return replace(free, n=constant_samples(packed)), x, v, a
+
+
+def own_duration(problem: PlanningProblem, policy: str) -> float:
+    """How long the lane change of a reference policy lasts by itself [s]; the replay cuts it at H."""
+    if policy != names.HUMAN:
+        return CONSTANT_T
+    human = problem.scene.human
+    return float((len(human.x) - 1 if human.end is None else human.end) * problem.packed.dt)
+
+
+def constant_samples(packed: PackedScene) -> int:
+    """Samples of ``CONSTANT_T``, at most those of H."""
+    return min(round(CONSTANT_T / packed.dt), len(packed.target_v) - 1)
+
+
+def start_clearances(problem: PlanningProblem) -> dict[str, float]:
+    """Clearance to each role at t_start [m]."""
+    packed = problem.packed
+    still = np.zeros(1)
+    at_start, _ = clearances(
+        still, still, still + packed.v0, still, 0, 0, packed, np.ascontiguousarray(packed.follower_x[:, None])
+    )
+    return dict(zip(problem.roles, at_start.tolist(), strict=True))
+
+
+def overlap_at_start(problem: PlanningProblem) -> list[str]:
+    """Roles whose ellipse overlaps the AV's at t_start already."""
+    return [role for role, clearance in start_clearances(problem).items() if clearance < 0.0]
+
+
+def infeasible_at_start(problem: PlanningProblem, planned: list[str]) -> list[Plan]:
+    """The plans of policies for an event whose ellipses overlap at t_start already, with the clearances there."""
+    margin = {f"clearance_{role}": clearance for role, clearance in start_clearances(problem).items()}
+    cells = [(policy, accounting) for policy in planned for accounting in names.ACCOUNTINGS]
+    return [Plan(*cell, names.INFEASIBLE_AT_START, margins=margin) for cell in cells]
+
+
+def rejections(
+    problem: PlanningProblem, pool: Pool, accounting: str, nominal: dict[str, int]
+) -> tuple[int, dict[str, int]]:
+    """Candidates looked at, and how many each constraint rejected; every one counts for its first violation.
+
+    Limits of motion are counted on a plain grid over all of T, x_final and v_end (nominal: the result of
+    ``nominal_rejections``), contacts among the candidates that were simulated: together they are all candidates.
+    """
+    kept = pool.violation == 0
+    touched = kept & ~pool.feasible(accounting)
+    return sum(nominal.values()) + int(kept.sum()), nominal | contacts_met(problem, pool.role[touched])
+
+
+def contacts_met(problem: PlanningProblem, met: IntArray) -> dict[str, int]:
+    """How often each contact stands among the candidates' (see ``scene.contact_words``), ellipses first.
+
+    Who drives through whom is named only where somebody does.
+    """
+    words = contact_words(problem.roles)
+    counts = np.bincount(met, minlength=len(words)).tolist()
+    return {word: c for i, (word, c) in enumerate(zip(words, counts, strict=True)) if c or i < len(problem.roles)}
+
+
+def clearance_margins(problem: PlanningProblem, played: Replay, accounting: str) -> dict[str, float]:
+    """Smallest clearance to each role over the accounted time [m]; infinite where a role does not count."""
+    smallest = played.clearance_to_T
+    if accounting != names.PAPER:
+        smallest = np.minimum(smallest, played.clearance_after_T)
+    return {f"clearance_{role}": float(c) for role, c in zip(problem.roles, smallest, strict=True)}
+
+
+def plan_margins(
+    problem: PlanningProblem, quintic: Quintic | None, played: Replay, accounting: str
+) -> dict[str, float]:
+    """Margin of every constraint; of the clearances alone where there is no quintic."""
+    clearance = clearance_margins(problem, played, accounting)
+    if quintic is not None:
+        return limits.margins(quintic, problem.limit) | clearance
+    return clearance
+
+
+def human_margins(problem: PlanningProblem) -> dict[str, float]:
+    """How far the recorded, smoothed motion stays inside each dynamic limit, at its samples."""
+    human, limit = problem.scene.human, problem.limit
+    to_T = slice(None if human.end is None else human.end + 1)
+    speed = np.hypot(human.vx, human.vy)[to_T]
+    found = {"speed": float(min(speed.min() - limit.v_min, limit.v_max - speed.max()))}
+    for name, values, bound in (
+        ("acceleration_x", human.ax, limit.acceleration),
+        ("acceleration_y", human.ay, limit.acceleration),
+        ("jerk_x", human.jx, limit.jerk),
+        ("jerk_y", human.jy, limit.jerk),
+    ):
+        found[name] = float(bound - np.abs(values[to_T]).max())
+    return found
+
+
+def closest_margins(problem: PlanningProblem, pool: Pool, accounting: str) -> dict[str, float]:
+    """For an infeasible event: the largest margin of each constraint that any candidate of a sample reaches."""
+    kept = np.flatnonzero(pool.violation == 0)
+    if not len(kept):
+        return _closest_dynamics(problem)
+    sample = kept[np.unique(np.linspace(0, len(kept) - 1, 100).astype(int))]
+    closest: dict[str, float] = {}
+    for i in sample:
+        quintic = problem.task.quintic(int(pool.n[i]), float(pool.delta[i]), float(pool.change[i]))
+        played = replay(plan_motion(quintic, problem.packed), problem.packed)
+        for name, margin in plan_margins(problem, quintic, played, accounting).items():
+            closest[name] = max(margin, closest.get(name, -np.inf))
+    return closest
+
+
+def _closest_dynamics(problem: PlanningProblem) -> dict[str, float]:
+    v0, D = problem.scene.v0, problem.scene.lateral_shift
+    longest = problem.settings.planner.T_max
+    return limits.margins(Quintic(v0=v0, D=D, T=longest, x_final=v0 * longest, v_end=v0), problem.limit)

@@ -1,0 +1,292 @@
+"""The pool of simulated candidates: who is feasible, what each goal makes of them, which is best.
+
+The loss surface of an event over (T, x_final), with its feasible region and the plans' own points, as data.
+"""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from highd_lc.core.losses import joint_objective
+from highd_lc.core.quintic import Quintic
+from highd_lc.planning.candidates import LossTerms, evaluate
+from highd_lc.planning.contacts import NO_CONTACT
+from highd_lc.planning.limits import CONSTRAINTS, Limits, violations
+from highd_lc.planning.planner import Plan, PlanningProblem
+from highd_lc.planning.scene import PackedScene
+from highd_lc.vocab import names
+from highd_lc.vocab.settings import PlannerSettings
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+OVERTAKES = len(CONSTRAINTS) + 1
+"""Code of a violation beside those of ``dynamics``: the plan ends ahead of the leader of its gap."""
+
+
+class Goal(NamedTuple):
+    """What a policy minimises: its accounting and the AV's weight omega_AV."""
+
+    accounting: str
+    omega_av: float
+
+
+@dataclass(frozen=True)
+class Pool:
+    """All simulated candidates, each array of shape (M,).
+
+    n: samples of T; delta [m], change [m/s]: see ``candidates.evaluate``; av_T, av_H, hv_T, hv_H: losses
+    charged to T and to H; contact: first sample of contact; role: which; violation: code of ``dynamics``.
+    """
+
+    n: IntArray
+    delta: FloatArray
+    change: FloatArray
+    av_T: FloatArray
+    av_H: FloatArray
+    hv_T: FloatArray
+    hv_H: FloatArray
+    contact: IntArray
+    role: IntArray
+    violation: IntArray
+
+    def __len__(self) -> int:
+        return len(self.n)
+
+    def joined(self, *others: "Pool") -> "Pool":
+        """All pools in one, this one first. What this one knows of its candidates is not worked out again."""
+        pools = (self, *others)
+        pool = Pool(*(np.concatenate([getattr(p, f) for p in pools]) for f in self.__dataclass_fields__))
+        for accounting, kept in self._feasible.items():
+            pool._feasible[accounting] = np.concatenate([kept, *(p.feasible(accounting) for p in others)])
+        for goal, value in self._objective.items():
+            pool._objective[goal] = np.concatenate([value, *(p.objective(goal) for p in others)])
+        return pool
+
+    @cached_property
+    def _feasible(self) -> dict[str, NDArray[np.bool_]]:
+        return {}
+
+    @cached_property
+    def _objective(self) -> dict[Goal, FloatArray]:
+        return {}
+
+    def chosen(self, index: IntArray) -> "Pool":
+        """Some of the candidates."""
+        return Pool(*(getattr(self, f)[index] for f in self.__dataclass_fields__))
+
+    def losses(self, accounting: str) -> tuple[FloatArray, FloatArray]:
+        """Loss of the AV and of the followers under an accounting (equations.md 4)."""
+        if accounting == names.PAPER:
+            return self.av_T, self.hv_T
+        return (self.av_T if accounting == names.FOLLOWER_HORIZON else self.av_H), self.hv_H
+
+    def feasible(self, accounting: str) -> NDArray[np.bool_]:
+        """Which candidates keep every limit and touch nobody over the accounted time."""
+        if accounting not in self._feasible:
+            last = self.n if accounting == names.PAPER else NO_CONTACT - 1
+            self._feasible[accounting] = (self.violation == 0) & (self.contact > last)
+        return self._feasible[accounting]
+
+    def obstacle(self, accounting: str) -> IntArray:
+        """What stands in each candidate's way: -1 nothing, the role of the first contact, or -1 - violation."""
+        blocked = np.where(self.violation > 0, -1 - self.violation, self.role)
+        return np.where(self.feasible(accounting), -1, blocked)
+
+    def unconstrained(self, goal: Goal) -> FloatArray:
+        """Joint objective of each candidate, feasible or not."""
+        return joint_objective(*self.losses(goal.accounting), goal.omega_av)
+
+    def objective(self, goal: Goal) -> FloatArray:
+        """Joint objective of each candidate, infinite where infeasible."""
+        if goal not in self._objective:
+            self._objective[goal] = np.where(self.feasible(goal.accounting), self.unconstrained(goal), np.inf)
+        return self._objective[goal]
+
+    def best(self, goal: Goal) -> int | None:
+        """Index of the best feasible candidate, the first of equals; None if there is none."""
+        if not len(self):
+            return None
+        objective = self.objective(goal)
+        index = int(np.argmin(objective))
+        return index if np.isfinite(objective[index]) else None
+
+
+class Before(NamedTuple):
+    """What a manoeuvre that starts later inherits: losses of the AV and the followers charged before its start.
+
+    hv_passed: loss charged to the followers ahead of the gap, over 0 .. k of the manoeuvre's samples, shape
+    (N + 1,). latest: the longest duration that ends in time [samples]. contact, role: first contact among the
+    vehicles ahead of the gap, in samples of the manoeuvre, and which (see ``scene.contact_words``).
+    """
+
+    av: float
+    hv: float
+    hv_passed: FloatArray
+    latest: int
+    contact: int = NO_CONTACT
+    role: int = -1
+
+
+NOTHING_BEFORE: Final = Before(0.0, 0.0, np.zeros(1), 0)
+"""For kernels that take a manoeuvre which starts at once."""
+
+
+def distinct(pool: Pool, goals: list[Goal]) -> list[int]:
+    """Places of the goals that do not make the same of every candidate as one before them."""
+    places: list[int] = []
+    for g, goal in enumerate(goals):
+        if not any(np.array_equal(pool.objective(goal), pool.objective(goals[before])) for before in places):
+            places.append(g)
+    return places
+
+
+@dataclass(frozen=True)
+class Task:
+    """A search: the packed scene, its loss terms, dynamic limits and settings; before: only of a later start."""
+
+    scene: PackedScene
+    terms: LossTerms
+    limit: Limits
+    settings: PlannerSettings
+    before: Before | None = None
+
+    @property
+    def durations(self) -> IntArray:
+        """The grid of T in samples."""
+        dt = self.scene.dt
+        last = min(round(self.settings.T_max / dt), len(self.scene.target_v) - 1)
+        if self.before is not None:
+            last = min(last, self.before.latest)
+        return np.arange(round(self.settings.T_min / dt), last + 1)
+
+    def seconds(self, n: IntArray) -> FloatArray:
+        """Durations of n samples [s], of n's shape."""
+        return n.astype(np.float64) * self.scene.dt
+
+    def quintic(self, n: int, delta: float, change: float) -> Quintic:
+        """The plan of a candidate."""
+        T, v0 = round(n * self.scene.dt, 10), self.scene.v0
+        return Quintic(v0=v0, D=self.scene.D, T=T, x_final=v0 * T + delta, v_end=v0 + change)
+
+    def simulate(self, n: IntArray, delta: FloatArray, change: FloatArray) -> Pool:
+        """Candidates in rows of one duration each, as a flat pool; shapes as in ``evaluate``."""
+        out = evaluate(n, delta, change, self.scene, self.terms)
+        codes = violations(self.seconds(n), delta, change, self.scene.v0, self.scene.D, self.limit)
+        pool = Pool(
+            n=np.repeat(n, delta.shape[1]),
+            delta=delta.ravel(),
+            change=change.ravel(),
+            av_T=out.av_T.ravel(),
+            av_H=out.av_H.ravel(),
+            hv_T=out.hv_T.ravel(),
+            hv_H=out.hv_H.ravel(),
+            contact=out.contact.ravel(),
+            role=out.role.ravel(),
+            violation=codes.ravel(),
+        )
+        return pool if self.before is None else self._of_later_start(pool, self.before)
+
+    def _of_later_start(self, pool: Pool, before: Before) -> Pool:
+        """The pool with the losses before its start, without the plans that end ahead of the gap's leader."""
+        front = self.scene.length / 2.0 + self.scene.v0 * self.seconds(pool.n) + pool.delta
+        overtakes = (pool.violation == 0) & (front >= self.scene.target_front[pool.n])
+        return replace(
+            pool,
+            av_T=pool.av_T + before.av,
+            av_H=pool.av_H + before.av,
+            hv_T=pool.hv_T + before.hv + before.hv_passed[pool.n],
+            hv_H=pool.hv_H + before.hv + before.hv_passed[-1],
+            violation=np.where(overtakes, OVERTAKES, pool.violation),
+            contact=np.minimum(pool.contact, before.contact),
+            role=np.where(before.contact < pool.contact, before.role, pool.role),
+        )
+
+
+OFFSETS: Final = 31
+"""Nodes over x_final - v0 T; odd, so that constant speed is one, and just below two tiles of candidates."""
+EVERY: Final = 2
+"""Every second duration of the planner's grid has a row."""
+ON_SURFACE: Final = (names.CONSTANT, names.HUMAN, *names.FIXED_POLICIES)
+"""The policies that are points of the surface: end speed = start speed, or nearly so (human)."""
+_SMALLEST_HALF_WIDTH_M: Final = 12.0
+_MARGIN: Final = 1.25
+
+
+@dataclass(frozen=True)
+class SurfacePoint:
+    """Where a policy lies: T [s] (human: duration) and x_final - v0 T [m] (human: x at the end)."""
+
+    policy: str
+    accounting: str
+    T: float
+    x_offset: float
+
+
+@dataclass(frozen=True)
+class LossSurface:
+    """Losses of the fixed form (end speed = start speed) over a grid of T and x_final.
+
+    T [s], shape (m,); x_offset: x_final - v0 T [m], shape (n,), the same for every T; v0 [m/s]. By accounting:
+    loss_av, loss_hv, shape (m, n), also where a limit is violated (NaN where vehicles run through each other
+    without bound); feasible: boolean, shape (m, n). points: optima, human and constant speed.
+    """
+
+    T: FloatArray
+    x_offset: FloatArray
+    v0: float
+    loss_av: Mapping[str, FloatArray]
+    loss_hv: Mapping[str, FloatArray]
+    feasible: Mapping[str, NDArray[np.bool_]]
+    points: tuple[SurfacePoint, ...]
+
+    @property
+    def x_final(self) -> FloatArray:
+        """Forward distance at T [m], shape (m, n)."""
+        return self.v0 * self.T[:, None] + self.x_offset
+
+    def joint(self, accounting: str, omega_av: float) -> FloatArray:
+        """Joint objective under an accounting, NaN where infeasible; shape (m, n)."""
+        value = joint_objective(self.loss_av[accounting], self.loss_hv[accounting], omega_av)
+        return np.where(self.feasible[accounting], value, np.nan)
+
+
+def surface_points(problem: PlanningProblem, plans: Iterable[Plan]) -> tuple[SurfacePoint, ...]:
+    """The points of an event's plans, without those that were not solved."""
+    found = []
+    for plan in plans:
+        if plan.policy in ON_SURFACE and plan.replay is not None:
+            av = plan.replay.av
+            T = round(av.n * problem.packed.dt, 10)
+            x = plan.quintic.x_final if plan.quintic is not None else float(av.x[av.n])
+            found.append(SurfacePoint(plan.policy, plan.accounting, T, x - problem.packed.v0 * T))
+    return tuple(found)
+
+
+def loss_surface(problem: PlanningProblem, points: tuple[SurfacePoint, ...]) -> LossSurface:
+    """The surface of an event, wide enough for the points (see ``surface_points``)."""
+    n = problem.task.durations[::EVERY]
+    width = max([_MARGIN * abs(point.x_offset) for point in points] + [_SMALLEST_HALF_WIDTH_M])
+    x = np.linspace(-width, width, OFFSETS)
+    delta = np.tile(x, (n.size, 1))
+    pool = problem.task.simulate(n, delta, np.zeros_like(delta))
+    # Arrays are shared between accountings that charge a side over the same time.
+    av_T, av_H, hv_T, hv_H = (_table(pool, name, n.size) for name in ("av_T", "av_H", "hv_T", "hv_H"))
+    return LossSurface(
+        T=np.asarray(n * problem.packed.dt, np.float64),
+        x_offset=x,
+        v0=problem.packed.v0,
+        loss_av={names.PAPER: av_T, names.FOLLOWER_HORIZON: av_T, names.EQUAL: av_H},
+        loss_hv={names.PAPER: hv_T, names.FOLLOWER_HORIZON: hv_H, names.EQUAL: hv_H},
+        feasible={a: pool.feasible(a).reshape(n.size, -1) for a in names.ACCOUNTINGS},
+        points=points,
+    )
+
+
+def _table(pool: Pool, name: str, rows: int) -> FloatArray:
+    values: FloatArray = np.asarray(getattr(pool, name)).reshape(rows, -1)
+    return np.where(np.isfinite(values), values, np.nan)

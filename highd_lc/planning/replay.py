@@ -1,0 +1,291 @@
+"""Replay of one motion of the AV: its drive after T, the followers' reaction, clearances to everybody."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from highd_lc.core.drive import advance, drive_behind, lcm_command, lcm_step
+from highd_lc.core.ellipse import ellipse_clearance
+from highd_lc.core.quintic import Quintic, sample
+from highd_lc.planning.scene import Human, PackedScene
+from highd_lc.vocab.driver import TABLE3_MEANS
+
+FloatArray = NDArray[np.float64]
+
+_OTHERS = TABLE3_MEANS.as_array()
+
+
+@dataclass(frozen=True)
+class AvMotion:
+    """Motion of the AV over 0 .. N samples, prescribed up to sample n (T = n dt), and of a recorded one up to
+    sample ``recorded``, as long as it is in view (0: not recorded).
+
+    x, y: planned point (moves as the box centre up to r (1 - cos phi)) [m]; vx, vy [m/s]; ax [m/s^2], from n on
+    the commanded one; jerk: |jx| + |jy| prescribed at the samples 0 .. n, then |a_k - a_(k-1)| / dt with 0 at n's
+    own step [m/s^3]; all of shape (N + 1,). crossing: sample of the lane crossing, N + 1 = after these samples.
+    """
+
+    x: FloatArray
+    y: FloatArray
+    vx: FloatArray
+    vy: FloatArray
+    ax: FloatArray
+    jerk: FloatArray
+    n: int
+    crossing: int
+    recorded: int = 0
+
+    @property
+    def free_from(self) -> int:
+        """The last sample that is not driven by a model."""
+        return max(self.n, self.recorded)
+
+
+@dataclass(frozen=True)
+class Entry:
+    """How an AV that chose its start joins the target lane.
+
+    place: how many of target leader, HV_1, HV_2 .. it has ahead. hand_over: sample at which the next of them gets
+    the AV as its leader, if the step of its command there is not counted (it is the insertion); else None.
+    target_front [m], target_v [m/s]: of the target leader, shape (N + 1,).
+    """
+
+    place: int
+    hand_over: int | None
+    target_front: FloatArray
+    target_v: FloatArray
+
+
+@dataclass(frozen=True)
+class Replay:
+    """What happens: the AV's motion, the followers' x (box centre) [m], v [m/s] and commanded a [m/s^2] of shape
+    (p, N + 1), and for each obstacle (order of ``scene.obstacle_roles``) the smallest clearance [m] over
+    0 .. T, and over the samples after T; infinite where an obstacle does not count. entry: None = into the
+    recorded gap at t_start.
+    """
+
+    av: AvMotion
+    x: FloatArray
+    v: FloatArray
+    a: FloatArray
+    clearance_to_T: FloatArray
+    clearance_after_T: FloatArray
+    entry: Entry | None = None
+
+
+def plan_motion(plan: Quintic, scene: PackedScene) -> AvMotion:
+    """The prescribed motion of a quintic plan; the samples after T are filled by ``replay``."""
+    n = round(plan.T / scene.dt)
+    s = sample(plan, np.arange(n + 1, dtype=np.float64) * scene.dt)
+    return _prescribed((s.x, s.y, s.vx, s.vy, s.ax, np.abs(s.jx) + np.abs(s.jy)), len(scene.target_v), n // 2)
+
+
+def human_motion(human: Human, scene: PackedScene) -> AvMotion:
+    """The recorded motion of the ego, smoothed, as long as it is in view; T is its own, at most H."""
+    jerk = np.abs(human.jx) + np.abs(human.jy)
+    columns = (human.x, human.y, human.vx, human.vy, human.ax, jerk)
+    seen = _prescribed(columns, len(scene.target_v), min(human.crossing, len(scene.target_v)))
+    return replace(seen, n=seen.n if human.end is None else min(human.end, seen.n), recorded=seen.n)
+
+
+def free_motion(scene: PackedScene) -> AvMotion:
+    """No prescribed motion: the AV keeps its lane and is free from t_start on."""
+    zero = np.zeros(1)
+    return _prescribed((zero, zero, zero + scene.v0, zero, zero, zero), len(scene.target_v), len(scene.target_v))
+
+
+def _prescribed(columns: tuple[FloatArray, ...], samples: int, crossing: int) -> AvMotion:
+    n = min(len(columns[0]), samples) - 1
+    padded = np.zeros((len(columns), samples))
+    for row, column in zip(padded, columns, strict=True):
+        row[: n + 1] = column[: n + 1]
+    x, y, vx, vy, ax, jerk = padded
+    return AvMotion(x, y, vx, vy, ax, jerk, n=n, crossing=crossing)
+
+
+def replay(av: AvMotion, scene: PackedScene) -> Replay:
+    """Let the AV drive on after T and the followers react.
+
+    Semi-implicit Euler, all vehicles on the states of the same instant (equations.md 3). The arrays of ``av`` are
+    completed in place.
+    """
+    drive_on(av.x, av.y, av.vx, av.ax, av.jerk, av.free_from, scene)
+    samples = len(av.x)
+    p = len(scene.follower_x)
+    x, v, a = (np.empty((p, samples)) for _ in range(3))
+    follow(av.x + scene.length / 2.0, av.vx, av.crossing if scene.from_crossing else 0, scene, x, v, a)
+    to_T, after_T = clearances(av.x, av.y, av.vx, av.vy, av.n, av.crossing, scene, x)
+    return Replay(av, x, v, a, to_T, after_T)
+
+
+@njit(cache=True, nogil=True)
+def drive_on(
+    x: FloatArray,
+    y: FloatArray,
+    vx: FloatArray,
+    ax: FloatArray,
+    jerk: FloatArray,
+    n: int,
+    scene: PackedScene,
+) -> None:
+    """Fill the AV's motion after sample n: LCM behind the target leader, or constant speed.
+
+    The step of the command onto this drive, from 0, is in the jerk of sample n + 1 if it is counted.
+    """
+    dt = scene.dt
+    v_desire, A, b, B, tau, L = scene.av_parameters
+    half = scene.length / 2.0
+    for k in range(n, len(x)):
+        command = 0.0
+        if scene.after_lcm:
+            spacing = scene.target_front[k] - x[k] - half
+            command = lcm_command(vx[k], spacing, scene.target_v[k], v_desire, A, b, B, tau, L, scene.hardest)
+        ax[k] = command
+        if k > n:
+            jerk[k] = abs(command - ax[k - 1]) / dt
+        if k == n + 1 and scene.counts_handover:
+            jerk[k] += abs(ax[n]) / dt
+        if k + 1 < len(x):
+            x[k + 1], vx[k + 1] = advance(x[k], vx[k], command, dt)
+            y[k + 1] = y[k]
+
+
+@njit(cache=True, nogil=True)
+def follow(
+    av_front: FloatArray,
+    av_v: FloatArray,
+    insertion: int,
+    scene: PackedScene,
+    x: FloatArray,
+    v: FloatArray,
+    a: FloatArray,
+) -> None:
+    """Drive the followers by LCM: the first behind the target leader before sample ``insertion`` and behind the AV
+    from then on, each other behind the one before. Fills x, v, a of shape (p, N + 1).
+    """
+    dt = scene.dt
+    p, samples = x.shape
+    for i in range(p):
+        x[i, 0], v[i, 0] = scene.follower_x[i], scene.follower_v[i]
+    for k in range(samples):
+        ahead_front, ahead_v = av_front[k], av_v[k]
+        if k < insertion:
+            ahead_front, ahead_v = scene.target_front[k], scene.target_v[k]
+        for i in range(p):
+            v_desire, A, b, B, tau, L = scene.parameters[i]
+            if i == 0 and k < insertion:
+                L = scene.first_L
+            half = scene.follower_length[i] / 2.0
+            a[i, k], later, faster = lcm_step(
+                x[i, k], v[i, k], ahead_front - half, ahead_v, v_desire, A, b, B, tau, L, scene.hardest, dt
+            )
+            ahead_front, ahead_v = x[i, k] + half, v[i, k]
+            if k + 1 < samples:
+                x[i, k + 1], v[i, k + 1] = later, faster
+
+
+@njit(cache=True, nogil=True)
+def clearances(
+    x: FloatArray,
+    y: FloatArray,
+    vx: FloatArray,
+    vy: FloatArray,
+    n: int,
+    crossing: int,
+    scene: PackedScene,
+    follower_x: FloatArray,
+) -> tuple[FloatArray, FloatArray]:
+    """Smallest clearance [m] to each obstacle over the samples 0 .. n and over those after n."""
+    m, p, samples = len(scene.leader_a), len(scene.follower_x), len(x)
+    count = m + p + (1 if len(scene.origin_follower) else 0)
+    to_T, after_T = np.full(count, np.inf), np.full(count, np.inf)
+    for i in range(m):
+        _nearest(
+            x, y, vx, vy, n, scene, scene.leader_x[i], scene.leader_y[i], scene.leader_a[i],
+            scene.leader_b[i], to_T, after_T, i,
+        )  # fmt: skip
+    for i in range(p):
+        _nearest(
+            x, y, vx, vy, n, scene, follower_x[i], np.full(samples, scene.follower_y[i]),
+            scene.follower_a[i], scene.follower_b[i], to_T, after_T, m + i,
+        )  # fmt: skip
+    if len(scene.origin_follower):
+        behind = origin_follower_motion(x + scene.length / 2.0, vx, crossing, scene)
+        level = np.full(samples, scene.origin_follower[1])
+        a, b = scene.origin_follower[4], scene.origin_follower[5]
+        last = min(crossing, n) + 1
+        _nearest(x[:last], y, vx, vy, n, scene, behind, level, a, b, to_T, after_T, count - 1)
+    return to_T, after_T
+
+
+@njit(cache=True, nogil=True)
+def origin_follower_motion(
+    av_front: FloatArray, av_v: FloatArray, crossing: int, scene: PackedScene
+) -> FloatArray:
+    """Box centre [m] of the origin follower, behind the AV by LCM (Table 3 means) until the crossing."""
+    x0, _, v, length = scene.origin_follower[:4]
+    half, seen = length / 2.0, slice(0, crossing + 1)
+    front, _ = drive_behind(x0 + half, v, av_front[seen], av_v[seen], _OTHERS, scene.hardest, scene.dt)
+    x: FloatArray = front - half
+    return x
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _nearest(
+    x: FloatArray,
+    y: FloatArray,
+    vx: FloatArray,
+    vy: FloatArray,
+    n: int,
+    scene: PackedScene,
+    other_x: FloatArray,
+    other_y: FloatArray,
+    a: float,
+    b: float,
+    to_T: FloatArray,
+    after_T: FloatArray,
+    index: int,
+) -> None:
+    """Lower the clearances at ``index`` to those to an obstacle at other_x, other_y with semi-axes a, b."""
+    # Separation along the axes is a lower bound: beside the clearance at the least of them, most need no more.
+    bounds, least = np.empty(len(x)), np.full(2, -1)
+    for k in range(len(x)):
+        dx, dy, cos, sin = _from_centre(k, x, y, vx, vy, n, scene, other_x, other_y)
+        bounds[k] = max(
+            abs(dx) - np.sqrt((scene.a * cos) ** 2 + (scene.b * sin) ** 2) - a,
+            abs(dy) - np.sqrt((scene.a * sin) ** 2 + (scene.b * cos) ** 2) - b,
+        )
+        part = 0 if k <= n else 1
+        if least[part] < 0 or bounds[k] < bounds[least[part]]:
+            least[part] = k
+    for place in range(-2, len(x)):
+        k = least[place + 2] if place < 0 else place
+        nearest = to_T if k <= n else after_T
+        if k >= 0 and bounds[k] < nearest[index]:
+            dx, dy, cos, sin = _from_centre(k, x, y, vx, vy, n, scene, other_x, other_y)
+            clearance = ellipse_clearance(dx, dy, np.arctan2(sin, cos), scene.a, scene.b, a, b)
+            nearest[index] = min(nearest[index], clearance)
+
+
+@njit(inline="always")
+def _from_centre(
+    k: int,
+    x: FloatArray,
+    y: FloatArray,
+    vx: FloatArray,
+    vy: FloatArray,
+    n: int,
+    scene: PackedScene,
+    other_x: FloatArray,
+    other_y: FloatArray,
+) -> tuple[float, float, float, float]:
+    """Position of an obstacle from the AV's box centre at sample k, cosine and sine of the AV's heading."""
+    cos, sin = 1.0, 0.0
+    if k <= n and vy[k] != 0.0:
+        speed = np.sqrt(vx[k] * vx[k] + vy[k] * vy[k])
+        cos, sin = vx[k] / speed, vy[k] / speed
+    dx = other_x[k] - x[k] + scene.rear_to_centre * (1.0 - cos)
+    dy = other_y[k] - y[k] - scene.rear_to_centre * sin
+    return dx, dy, cos, sin

@@ -1,0 +1,1 @@
+"""The paper's simulated scenarios and the ledger against what it printed."""

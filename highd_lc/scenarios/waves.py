@@ -1,0 +1,291 @@
+"""How a lane change grows or dies along a platoon of given drivers, under benchmark and local optimum.
+
+Speed of a shock wave from the cross-correlation of successive vehicles' speeds, with a bootstrap interval.
+
+A disturbance passes from a vehicle to its follower with a lag. In that time it moves from where the leader was to
+where the follower is then: displacement over lag is its speed along the road. Over a platoon both add up.
+
+String stability of the LCM: how a speed oscillation grows from leader to follower, linearised at equilibrium.
+
+With a = f(s, v, v_l) at equilibrium the transfer from leader's to follower's speed is
+Gamma(i w) = (f_s + i w f_l) / (f_s - w^2 - i w f_v). No frequency grows if f_v^2 - f_l^2 - 2 f_s >= 0.
+"""
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from highd_lc.core.lcm import desired_spacing, equilibrium_spacing
+from highd_lc.scenarios.platoon import Platoon, PlatoonStart, Situation, situation
+from highd_lc.scenarios.run import Cell, av_lead, drive_behind, no_lane_change, plan_situation
+from highd_lc.vocab import names
+from highd_lc.vocab.driver import SIMULATION, TABLE3_MEANS, TABLE3_QUANTILES
+from highd_lc.vocab.errors import ShapeError
+from highd_lc.vocab.scenarios import ScenarioSettings
+
+FloatArray = NDArray[np.float64]
+
+ESTIMATED: Final = "estimated"
+NO_DISTURBANCE: Final = "no disturbance that passes on"
+
+_LEAST_CORRELATION: Final = 0.5
+_LEAST_DEVIATION: Final = 0.05
+_SHORTEST: Final = 3.0
+
+
+@dataclass(frozen=True)
+class WaveSpeed:
+    """Speed of a shock wave along the road [m/s], negative = upstream, with its interval.
+
+    pairs: of vehicles behind it; correlation: their mean at the best lag; status: ``ESTIMATED``, or why there is
+    nothing but NaN.
+    """
+
+    speed: float
+    low: float
+    high: float
+    pairs: int
+    correlation: float
+    status: str
+
+
+@dataclass(frozen=True)
+class Passage:
+    """How a disturbance passes from a vehicle to its follower: lag [s], displacement [m], correlation."""
+
+    lag: float
+    displacement: float
+    correlation: float
+
+
+def wave_speed(
+    x: FloatArray,
+    deviation: FloatArray,
+    *,
+    dt: float,
+    rng: np.random.Generator,
+    longest_lag: float = 6.0,
+    confidence: float = 0.95,
+) -> WaveSpeed:
+    """Speed of the wave that runs through successive vehicles.
+
+    x: positions [m], deviation: speeds [m/s] minus what they would be undisturbed, each of shape (p, n), the
+    foremost vehicle first, NaN before and after it is seen; dt [s]; longest_lag [s] from vehicle to vehicle. The
+    interval is a bootstrap over the pairs. Raises ShapeError when the shapes differ.
+    """
+    if x.shape != deviation.shape or x.ndim != 2:
+        raise ShapeError(f"positions have shape {x.shape}, speeds {deviation.shape}")
+    found = [
+        passage(x[i : i + 2], deviation[i : i + 2], dt=dt, longest_lag=longest_lag) for i in range(len(x) - 1)
+    ]
+    return combine([one for one in found if one is not None], rng=rng, confidence=confidence)
+
+
+def combine(passages: Sequence[Passage], *, rng: np.random.Generator, confidence: float = 0.95) -> WaveSpeed:
+    """The wave's speed from the passages of several pairs: sum of displacements over sum of lags."""
+    if len(passages) < 2:
+        return WaveSpeed(np.nan, np.nan, np.nan, len(passages), np.nan, NO_DISTURBANCE)
+    lag = np.array([p.lag for p in passages])
+    displacement = np.array([p.displacement for p in passages])
+    drawn = rng.integers(0, len(lag), (2000, len(lag)))
+    speeds = displacement[drawn].sum(axis=1) / lag[drawn].sum(axis=1)
+    low, high = np.quantile(speeds, [0.5 - confidence / 2.0, 0.5 + confidence / 2.0])
+    correlation = float(np.mean([p.correlation for p in passages]))
+    speed = float(displacement.sum() / lag.sum())
+    return WaveSpeed(speed, float(low), float(high), len(passages), correlation, ESTIMATED)
+
+
+def passage(x: FloatArray, deviation: FloatArray, *, dt: float, longest_lag: float) -> Passage | None:
+    """How the disturbance passes from the first of two vehicles to the second; shapes (2, n).
+
+    None if the first is not disturbed, or no lag between 0 and the longest one correlates by 0.5 at least.
+    """
+    seen = np.isfinite(x).all(axis=0) & np.isfinite(deviation).all(axis=0)
+    x, deviation = x[:, seen], deviation[:, seen]
+    longest = min(round(longest_lag / dt), x.shape[1] - round(_SHORTEST / dt))
+    if longest < 2 or np.std(deviation[0]) < _LEAST_DEVIATION:
+        return None
+    correlation = np.array([_correlation(deviation, k) for k in range(longest + 1)])
+    best = int(np.argmax(correlation))
+    if best in (0, longest) or correlation[best] < _LEAST_CORRELATION:
+        return None
+    lag = best + _vertex(correlation[best - 1 : best + 2])
+    moved = float(np.mean(x[1, best:] - x[0, : x.shape[1] - best]))
+    # The mean displacement belongs to the whole lag ``best``; the fraction beyond it moves with the follower.
+    moved += float(np.mean(np.diff(x[1]))) * (lag - best)
+    return Passage(lag * dt, moved, float(correlation[best]))
+
+
+def _correlation(deviation: FloatArray, lag: int) -> float:
+    """Pearson correlation of the leader's deviation with the follower's ``lag`` samples later."""
+    ahead, behind = deviation[0, : deviation.shape[1] - lag], deviation[1, lag:]
+    ahead, behind = ahead - ahead.mean(), behind - behind.mean()
+    size = float(np.sqrt((ahead @ ahead) * (behind @ behind)))
+    return float(ahead @ behind) / size if size > 0.0 else 0.0
+
+
+def _vertex(values: FloatArray) -> float:
+    """Offset of the vertex of the parabola through three values at -1, 0, 1."""
+    bend = values[0] - 2.0 * values[1] + values[2]
+    return float(0.5 * (values[0] - values[2]) / bend) if bend < 0.0 else 0.0
+
+
+@dataclass(frozen=True)
+class Response:
+    """Linear response of a driver at an equilibrium.
+
+    f_s [1/s^2], f_v, f_l [1/s]: derivatives of the acceleration by spacing, own speed and leader's speed. gain:
+    largest |Gamma|, 1 at least (frequency 0); frequency [Hz] at which it is reached.
+    """
+
+    speed: float
+    spacing: float
+    f_s: float
+    f_v: float
+    f_l: float
+    gain: float
+    frequency: float
+
+    @property
+    def stable(self) -> bool:
+        """Whether no frequency grows."""
+        return self.gain <= 1.0
+
+
+def response(v: float, parameters: FloatArray) -> Response | None:
+    """Response of a driver who follows at v [m/s] in equilibrium; None from v_desire on. parameters: (6,)."""
+    spacing = equilibrium_spacing(v, parameters)
+    if not math.isfinite(spacing):
+        return None
+    v_desire, A, b, B, tau, L = (float(value) for value in parameters)
+    s_star = float(desired_spacing(v, v, b, B, tau, L))
+    closeness = A * math.exp(1.0 - spacing / s_star)
+    floor = s_star <= L
+    by_s_star = -closeness * spacing / s_star**2
+    f_s = closeness / s_star
+    f_v = -A / v_desire + (0.0 if floor else by_s_star * (v / b + tau))
+    f_l = 0.0 if floor else -by_s_star * v / B
+    gain, omega = _largest_gain(f_s, f_v, f_l)
+    return Response(v, spacing, f_s, f_v, f_l, gain, omega / (2.0 * math.pi))
+
+
+def _largest_gain(f_s: float, f_v: float, f_l: float) -> tuple[float, float]:
+    """Largest |Gamma| and its angular frequency [rad/s].
+
+    With u = w^2, |Gamma|^2 = (f_s^2 + f_l^2 u) / (u^2 + (f_v^2 - 2 f_s) u + f_s^2): one stationary point u > 0 if
+    f_l^2 > f_v^2 - 2 f_s, else it falls from 1.
+    """
+    a, b, c = f_s**2, f_l**2, f_v**2 - 2.0 * f_s
+    if b <= c:
+        return 1.0, 0.0
+    u = a * (b - c) / (a + math.sqrt(a * a + a * b * (b - c)))
+    return math.sqrt((a + b * u) / (u * u + c * u + a)), math.sqrt(u)
+
+
+Row = dict[str, Any]
+
+SPEEDS: Final = np.arange(5.0, 35.01, 0.5)
+"""Speeds at which string stability is told [m/s]."""
+
+
+def published_drivers() -> dict[str, FloatArray]:
+    """Driver sets that the paper prints, each of shape (1, 6): its simulation, and Table 3."""
+    sets = {"simulation": SIMULATION, "Table 3 mean": TABLE3_MEANS}
+    sets |= {f"Table 3 {100 * q:g} %": values for q, values in TABLE3_QUANTILES.items()}
+    return {name: values.as_array()[None, :] for name, values in sets.items()}
+
+
+def stability_rows(drivers: Mapping[str, FloatArray]) -> list[Row]:
+    """Amplification over speed (rows of ``string_stability``); of many drivers their median."""
+    return [row for name, parameters in drivers.items() for row in _stability(name, parameters)]
+
+
+def _stability(name: str, parameters: FloatArray) -> Iterator[Row]:
+    for v in SPEEDS:
+        found = [r for r in (response(float(v), one) for one in parameters) if r is not None]
+        # Below half of the drivers in equilibrium the median would tell of a few fast ones.
+        if 2 * len(found) < len(parameters):
+            continue
+        gain, frequency, spacing = (
+            float(np.median([getattr(r, f) for r in found])) for f in ("gain", "frequency", "spacing")
+        )
+        yield {
+            "drivers": name,
+            "speed_mps": float(v),
+            "spacing_m": spacing,
+            "gain": gain,
+            "frequency_hz": frequency,
+            "stable": gain <= 1.0,
+        }
+
+
+def with_drivers(posed: Situation, parameters: FloatArray) -> Situation:
+    """The situation with other drivers in equilibrium at the platoon's speed. parameters: shape (p, 6).
+
+    The leader's place is HV_1's equilibrium spacing ahead. Drivers must have one: v_desire above the speed.
+    """
+    spacing = np.array([equilibrium_spacing(posed.platoon_speed, one) for one in parameters])
+    front = posed.start.front[0] - np.concatenate([[0.0], np.cumsum(spacing[1:])])
+    p = len(parameters)
+    length = np.full(p, posed.vehicle.length_m)
+    start = PlatoonStart(front, np.full(p, posed.platoon_speed), length, parameters)
+    return replace(posed, start=start, leader_front=float(front[0] + spacing[0]))
+
+
+def growth_rows(settings: ScenarioSettings, drivers: Mapping[str, FloatArray]) -> list[Row]:
+    """Largest drop of speed of each follower (rows of ``growth``), for every driver set with an equilibrium.
+
+    The platoon is that of scenario 2 and the AV as fast as in scenario 1 or 2.
+
+    One driver of a set stands for the whole platoon, several take turns in their order.
+    """
+    rows = []
+    options = settings.with_options({"platoon_leader": "present"})
+    speeds = {"1": settings.scenario_1.av_speeds[0]}
+    speeds |= {f"2_{v_av:g}": v_av for v_av in settings.scenario_2.av_speeds}
+    for key, v_av in speeds.items():
+        posed = situation(key, settings.scenario_2, v_av=v_av, options=options, vehicle=settings.vehicle)
+        for name, parameters in drivers.items():
+            usable = parameters[parameters[:, 0] > 1.02 * posed.platoon_speed]
+            if len(usable):
+                turns = np.resize(usable, (len(posed.start.front), usable.shape[1]))
+                rows += list(_growth(name, with_drivers(posed, turns), settings))
+    return rows
+
+
+def _growth(name: str, posed: Situation, settings: ScenarioSettings) -> Iterator[Row]:
+    planned = plan_situation(posed, settings, omegas=(1.0, settings.loss.omega_av))
+    unchanged = no_lane_change(posed)
+    for policy, omega in ((names.BENCHMARK, 1.0), (names.LOCAL_OPTIMUM, settings.loss.omega_av)):
+        plan = planned.plan(Cell(settings.form, settings.accounting, omega))
+        if plan is None:
+            continue
+        driven = drive_behind(posed, av_lead(posed, plan))
+        for rank, values in enumerate(zip(*drops(driven, unchanged), strict=True), start=1):
+            dip, below, delay = (float(value) for value in values)
+            yield {
+                "drivers": name,
+                "scenario": posed.key,
+                "policy": policy,
+                "follower": rank,
+                "dip_mps": dip,
+                "undershoot_mps": below,
+                "delay_s": delay,
+            }
+
+
+def drops(driven: Platoon, unchanged: Platoon) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Of each follower three numbers, each of shape (p,).
+
+    The largest drop below its speed without a lane change [m/s]; the largest drop below the speed that lasts, the
+    lead's at the end [m/s]: what grows or dies along the platoon; its delay at the end [s]: the distance by which
+    it is behind over its own speed.
+    """
+    dip = np.maximum(np.max(unchanged.v - driven.v, axis=1), 0.0)
+    below = np.maximum(driven.lead.v[-1] - np.min(driven.v, axis=1), 0.0)
+    behind = unchanged.front[:, -1] - driven.front[:, -1]
+    return dip, below, behind / np.maximum(driven.v[:, -1], 0.1)

@@ -1,0 +1,375 @@
+"""Scenes of a recording: from events, event tracks, vehicles and fitted followers to the planner's arrays.
+
+Followers' tracks between tables and arrays: from event tracks to windows, from windows to rows and back.
+"""
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from functools import partial
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from highd_lc.core.car_following import FollowingTrack
+from highd_lc.core.drive import UNBOUNDED, drive_behind
+from highd_lc.core.kinematics import hermite, local_polynomial
+from highd_lc.core.lcm import moved_behind
+from highd_lc.core.losses import command_jerk
+from highd_lc.drivers.calibration import RecordedMotion, following_track
+from highd_lc.extraction.track_index import unbroken
+from highd_lc.io import artefacts
+from highd_lc.planning.scene import Followers, Human, Motion, NextLeader, Scene
+from highd_lc.vocab import names
+from highd_lc.vocab.driver import PARAMETERS, TABLE3_MEANS
+from highd_lc.vocab.errors import ArtefactError
+from highd_lc.vocab.settings import PlannerSettings, ValidateSettings
+
+FloatArray = NDArray[np.float64]
+
+TIME_STEP = 0.1
+"""Step of the planner's time grid [s] (equations.md 2)."""
+WHEELBASE_SHARE = 0.6
+"""Wheelbase over length of a vehicle; HighD has none (equations.md 8)."""
+_TRACK_COLUMNS = ["t", "x", "y", "vx", "vy", "ax", "ay", "vehicle_id", "calibration"]
+_FIT_COLUMNS = ["follower", "leader_length_m", "spread", *PARAMETERS]
+
+Columns = dict[str, NDArray[Any]]
+"""Columns of a few rows of a table."""
+
+
+@dataclass(frozen=True)
+class SceneTables:
+    """What the scenes of a recording are made from, for those who read the same tables too.
+
+    events, vehicles, followers: as read; tracks: of each event and role, its rows of ``event_tracks``; sizes:
+    length and width of each vehicle [m]; fits: of each event, what of its followers a scene needs, nearest first.
+    """
+
+    events: pd.DataFrame
+    vehicles: pd.DataFrame
+    followers: pd.DataFrame
+    tracks: dict[tuple[str, ...], Columns]
+    sizes: dict[int, tuple[float, float]]
+    fits: dict[tuple[str, ...], Columns]
+
+
+def scene_makers(tables: SceneTables, settings: ValidateSettings) -> Iterator[tuple[str, Callable[[], Scene]]]:
+    """Each event's id, in the order of the events table, with what makes its scene.
+
+    A scene that cannot be made does not stand in the others' way.
+    """
+    for event in tables.events.itertuples():
+        yield event.event_id, partial(_scene, event, tables, settings)
+
+
+def load_scene(work: Path, event_id: str, settings: ValidateSettings) -> Scene:
+    """The scene of one event. Raises KeyError if there is no such event."""
+    recording = int(event_id.split("-")[0])
+    tables = read_scene_tables(work, recording, settings.planner)
+    chosen = tables.events[tables.events["event_id"] == event_id]
+    if chosen.empty:
+        raise KeyError(event_id)
+    return _scene(next(chosen.itertuples()), tables, settings)
+
+
+def read_scene_tables(work: Path, recording: int, settings: PlannerSettings) -> SceneTables:
+    """Read what the scenes of a recording are made from."""
+    rows = artefacts.read(work, "event_tracks", recording=recording)
+    vehicles = artefacts.read(work, "vehicles", recording=recording)
+    followers = artefacts.read(work, "followers", recording=recording)
+    drivers = _drivers(work, followers, settings)
+    sizes = zip(vehicles["length"], vehicles["width"], strict=True)
+    return SceneTables(
+        events=artefacts.read(work, "events", recording=recording),
+        vehicles=vehicles,
+        followers=followers,
+        tracks=_grouped("event_tracks", rows, by=["event_id", "role"], order="t", columns=_TRACK_COLUMNS),
+        sizes=dict(zip(vehicles["vehicle_id"].tolist(), sizes, strict=True)),
+        fits=_grouped("followers", drivers, by=["event_id"], order="follower", columns=_FIT_COLUMNS),
+    )
+
+
+def _grouped(
+    name: str, frame: pd.DataFrame, *, by: list[str], order: str, columns: list[str]
+) -> dict[tuple[str, ...], Columns]:
+    """Columns of each group's rows. Slices of a table in its order: a frame a group costs ten times as much.
+
+    Raises ArtefactError if the table is in another order.
+    """
+    keys = [frame[column].array for column in by]
+    changes = np.zeros(max(len(frame) - 1, 0), bool)
+    for key in keys:
+        changes |= np.asarray(key[1:] != key[:-1], bool)
+    along = frame[order].to_numpy()
+    starts = np.flatnonzero(np.concatenate([[True], changes])) if len(frame) else np.zeros(0, int)
+    # Keys of the groups alone are taken out: value by value, text in arrow's memory is slow.
+    names_of = list(zip(*(key.take(starts).tolist() for key in keys), strict=True))
+    if len(set(names_of)) < len(names_of) or not np.all(changes | (along[1:] >= along[:-1])):
+        raise ArtefactError(f"{name}: rows are not ordered by {', '.join([*by, order])}")
+    arrays = {column: frame[column].to_numpy() for column in columns}
+    return {
+        key: {column: values[first:stop] for column, values in arrays.items()}
+        for key, (first, stop) in zip(names_of, pairwise([*starts.tolist(), len(frame)]), strict=True)
+    }
+
+
+def _drivers(work: Path, fits: pd.DataFrame, settings: PlannerSettings) -> pd.DataFrame:
+    """The followers with the parameters that the setting asks for, and the leader length that L goes with."""
+    if settings.parameters == "fitted":
+        return fits
+    columns = [*PARAMETERS, "leader_length_m"]
+    everybody = artefacts.read(work, "followers", columns=["status", *columns])
+    fitted = everybody.loc[everybody["status"] == names.FITTED, columns]
+    if settings.parameters == "table3" or fitted.empty:
+        return fits.assign(**dict(zip(columns, [*TABLE3_MEANS.as_array(), np.nan], strict=True)))
+    return fits.assign(**fitted.mean())
+
+
+def _scene(event: object, tables: SceneTables, settings: ValidateSettings) -> Scene:
+    ego = _rows(event, names.EGO, tables)
+    assert ego is not None, "extraction writes rows of the ego of every event"
+    start = int(np.searchsorted(ego["t"], -1e-9))
+    length, width = tables.sizes[event.ego_id]
+    target_leader = _leader(event, names.TARGET_LEADER, tables, settings)
+    return Scene(
+        event_id=event.event_id,
+        v0=float(ego["vx"][start]),
+        a0=float(ego["ax"][start]),
+        lateral_shift=float(event.lateral_shift_m),
+        length=length,
+        width=width,
+        wheelbase=WHEELBASE_SHARE * length,
+        dt=TIME_STEP,
+        target_leader=target_leader,
+        origin_leader=_leader(event, names.ORIGIN_LEADER, tables, settings),
+        origin_follower=_leader(event, names.ORIGIN_FOLLOWER, tables, settings),
+        followers=_followers(event, tables, target_leader, length, settings),
+        human=_human(event, ego, settings.planner),
+        next_leaders=tuple(_next_leaders(event, tables, settings)),
+    )
+
+
+def _rows(event: object, role: str, tables: SceneTables, around: float = 0.0) -> Columns | None:
+    """The rows of a role without a break around a time [s]; None without any. Nothing is told of what lies beyond
+    a hole.
+    """
+    track = tables.tracks.get((event.event_id, role))
+    if track is None:
+        return None
+    frame = np.rint(track["t"] * float(event.frame_rate)).astype(np.int64)
+    sample = min(int(np.searchsorted(track["t"], around - 1e-9)), len(frame) - 1)
+    first, last = unbroken(frame, sample)
+    return track if last - first + 1 == len(frame) else {name: v[first : last + 1] for name, v in track.items()}
+
+
+def _grid(horizon: float) -> FloatArray:
+    return np.arange(round(horizon / TIME_STEP) + 1) * TIME_STEP
+
+
+def _leader(event: object, role: str, tables: SceneTables, settings: ValidateSettings) -> Motion | None:
+    track = _rows(event, role, tables)
+    if track is None or track["t"][-1] < 0.0:
+        return None
+    motion = _motion(track, tables.sizes[int(track["vehicle_id"][0])], settings.loss.horizon_s)
+    if settings.planner.leaders == "recorded":
+        return motion
+    return _predicted(motion, free_road=settings.planner.leaders == "lcm")
+
+
+def _next_leaders(event: object, tables: SceneTables, settings: ValidateSettings) -> Iterator[NextLeader]:
+    """Who leads the target lane after its leader left it; nobody is foreseen where leaders are predicted."""
+    if settings.planner.leaders != "recorded":
+        return
+    before = _rows(event, names.TARGET_LEADER, tables)
+    for place, change in enumerate(event.leader_changes_s):
+        since = int(np.ceil(change / TIME_STEP - 1e-6))
+        if before is None or change > before["t"][-1] + 1e-9 or since > round(settings.loss.horizon_s / TIME_STEP):
+            return
+        before = _rows(event, names.target_leader(place + 2), tables, change)
+        motion = None
+        if before is not None:
+            motion = _motion(before, tables.sizes[int(before["vehicle_id"][0])], settings.loss.horizon_s)
+        yield NextLeader(since, motion)
+
+
+def _motion(track: Columns, size: tuple[float, float], horizon: float) -> Motion:
+    """Recorded while in view, then at the last recorded speed, and before that at the first one."""
+    grid, t = _grid(horizon), track["t"]
+    observed = max(1, int(np.searchsorted(grid, t[-1] + 1e-9, side="right")))
+    seen = np.clip(grid[:observed], t[0], t[-1])
+    unseen = grid[observed:] - t[-1]
+    columns = {}
+    for position, speed in (("x", "vx"), ("y", "vy")):
+        recorded = hermite(t, track[position], track[speed], seen) if len(t) > 1 else track[position][:1]
+        ahead = float(position == "x")
+        earlier = ahead * track[speed][0] * (grid[:observed] - seen) * (grid[:observed] < t[0])
+        later = track[position][-1] + ahead * track[speed][-1] * unseen
+        columns[position] = np.concatenate([recorded + earlier, later])
+    v = np.concatenate([np.interp(seen, t, track["vx"]), np.full(len(unseen), track["vx"][-1])])
+    a = np.concatenate([np.interp(seen, t, track["ax"]), np.zeros(len(unseen))])
+    return Motion(columns["x"], columns["y"], v, a, *size, observed=observed)
+
+
+def _predicted(motion: Motion, *, free_road: bool) -> Motion:
+    """The same vehicle from its state at t_start: at constant speed, or by LCM on a free road (Table 3 means)."""
+    samples = len(motion.x)
+    v = np.full(samples, motion.v[0])
+    if free_road:
+        nobody, driver = (np.full(samples, np.inf), np.zeros(samples)), TABLE3_MEANS.as_array()
+        _, v = drive_behind(0.0, float(motion.v[0]), *nobody, driver, UNBOUNDED, TIME_STEP)
+    x = motion.x[0] + np.concatenate([[0.0], np.cumsum(v[1:])]) * TIME_STEP
+    a = np.gradient(v, TIME_STEP)
+    return Motion(x, np.full(samples, motion.y[0]), v, a, motion.length, motion.width, observed=1)
+
+
+def _followers(
+    event: object,
+    tables: SceneTables,
+    target_leader: Motion | None,
+    ego_length: float,
+    settings: ValidateSettings,
+) -> Followers:
+    fits = tables.fits[event.event_id,]
+    recorded, sizes = [], []
+    for rank in fits["follower"]:
+        track = _rows(event, names.target_follower(rank), tables)
+        assert track is not None, "extraction writes rows of every follower"
+        sizes.append(tables.sizes[int(track["vehicle_id"][0])])
+        recorded.append(_motion(track, sizes[-1], settings.loss.horizon_s))
+    length, width = np.array(sizes).T
+    L, behind = float(fits["L"][0]), float(fits["leader_length_m"][0])
+    return Followers(
+        x=np.array([m.x[0] for m in recorded]),
+        y=np.array([m.y[0] for m in recorded]),
+        v=np.array([m.v[0] for m in recorded]),
+        length=length,
+        width=width,
+        parameters=_parameters(fits, [ego_length, *length[:-1]]),
+        L_no_change=moved_behind(L, behind, target_leader.length if target_leader is not None else behind),
+        recorded=tuple(recorded),
+        spread=np.array([[row.get(p, 0.0) for p in PARAMETERS] for row in map(dict, fits["spread"])]),
+    )
+
+
+def _parameters(fits: Columns, leader_lengths: list[float]) -> FloatArray:
+    """LCM of each follower, L moved behind its leader of the replay (= L_replay of a fit), shape (p, 6)."""
+    parameters = np.stack([fits[name] for name in PARAMETERS], axis=1).astype(np.float64)
+    old_and_new = zip(fits["L"], fits["leader_length_m"], leader_lengths, strict=True)
+    parameters[:, -1] = [moved_behind(*lengths) for lengths in old_and_new]
+    return parameters
+
+
+def _human(event: object, ego: Columns, settings: PlannerSettings) -> Human:
+    """The recorded path, smoothed by a local cubic (Savitzky-Golay), and its derivatives at the grid's samples, as
+    long as the ego is in view.
+    """
+    rate = float(event.frame_rate)
+    end = round(event.duration_s / TIME_STEP)
+    grid = np.arange(max(end, int(ego["t"][-1] / TIME_STEP + 1e-6)) + 1) * TIME_STEP
+    smooth = {}
+    for axis in ("x", "y"):
+        derivatives = local_polynomial(ego[axis], rate, window_s=settings.human_smoothing_s, order=3)
+        for prefix, values in zip(("", "v", "a", "j"), derivatives, strict=True):
+            smooth[prefix + axis] = np.interp(grid, ego["t"], values)
+    to_T = grid[: end + 1]
+    raw = sum(command_jerk(np.interp(to_T, ego["t"], ego[a]), TIME_STEP).sum() for a in ("ax", "ay"))
+    crossing = round((event.crossing_frame - event.start_frame) / rate / TIME_STEP)
+    return Human(**smooth, crossing=int(crossing), comfort_raw=float(raw), end=end)
+
+
+_ROWS = ("leader_x", "leader_v", "x", "v", "a")
+_MOTION, _WINDOW = ("t", "x", "vx", "ax"), "calibration"
+
+
+@dataclass(frozen=True)
+class RecordedFollower:
+    """A follower of an event. rank: 1 = nearest to the ego; track: its calibration window, None without a leader;
+    leader_length: of the leader of that window, NaN without one; replay_leader_length: of the vehicle that it
+    follows in a replay, the ego or the follower before it [m].
+    """
+
+    event_id: str
+    recording_id: int
+    rank: int
+    vehicle_id: int
+    vehicle_class: str
+    track: FollowingTrack | None
+    leader_length: float
+    replay_leader_length: float
+
+
+@dataclass(frozen=True)
+class _Tables:
+    """A recording's motions by event and role (see ``_motions``), and each vehicle's class and length."""
+
+    motions: dict[tuple[str, str], FloatArray]
+    vehicles: dict[int, tuple[str, float]]
+
+    def motion(self, event_id: str, role: str, vehicle: int, *, window: bool) -> RecordedMotion:
+        """The motion of a role, all of it or its calibration window."""
+        rows = self.motions[event_id, role]
+        t, x, v, a = rows[:-1, rows[-1] > 0] if window else rows[:-1]
+        return RecordedMotion(t, x, v, a, self.vehicles[vehicle][1])
+
+
+def recorded_followers(work: Path, recording: int) -> Iterator[RecordedFollower]:
+    """Every follower of a recording's events, in the order of the events table."""
+    columns = ["event_id", "recording_id", "ego_id", "target_leader_id", "follower_ids"]
+    events = artefacts.read(work, "events", recording=recording, columns=columns)
+    vehicles = artefacts.read(work, "vehicles", recording=recording, columns=["vehicle_id", "class", "length"])
+    rows = artefacts.read(
+        work, "event_tracks", recording=recording, columns=["event_id", "role", *_MOTION, _WINDOW]
+    )
+    about = zip(vehicles["class"], vehicles["length"].tolist(), strict=True)
+    tables = _Tables(_motions(rows), dict(zip(vehicles["vehicle_id"].tolist(), about, strict=True)))
+    for event in events.itertuples():
+        for rank in range(1, len(event.follower_ids) + 1):
+            yield _recorded_follower(event, rank, tables)
+
+
+def _recorded_follower(event: Any, rank: int, tables: _Tables) -> RecordedFollower:
+    chain = [event.target_leader_id, *map(int, event.follower_ids)]
+    leader, vehicle = chain[rank - 1], chain[rank]
+    leader_role = names.TARGET_LEADER if rank == 1 else names.target_follower(rank - 1)
+    track, leader_length = None, np.nan
+    if (event.event_id, leader_role) in tables.motions:
+        leader_motion = tables.motion(event.event_id, leader_role, leader, window=False)
+        own = tables.motion(event.event_id, names.target_follower(rank), vehicle, window=True)
+        track, leader_length = following_track(own, leader_motion), leader_motion.length
+    return RecordedFollower(
+        event.event_id,
+        event.recording_id,
+        rank,
+        vehicle,
+        tables.vehicles[vehicle][0],
+        track,
+        leader_length,
+        tables.vehicles[event.ego_id if rank == 1 else leader][1],
+    )
+
+
+def _motions(tracks: pd.DataFrame) -> dict[tuple[str, str], FloatArray]:
+    """Rows of each event and role: t, x, vx, ax and whether they calibrate, shape (5, n), ascending in t.
+
+    The artefact is ordered by event, role and t, so that each is a run of rows.
+    """
+    values = tracks[[*_MOTION, _WINDOW]].to_numpy(np.float64).T
+    event, role = tracks["event_id"].to_numpy(), tracks["role"].to_numpy()
+    change = (event[1:] != event[:-1]) | (role[1:] != role[:-1])
+    starts = np.concatenate([[0], np.flatnonzero(change) + 1]) if len(event) else np.empty(0, dtype=np.int64)
+    ends = [*starts[1:], len(event)]
+    return {(event[i], role[i]): values[:, i:end] for i, end in zip(starts, ends, strict=False)}
+
+
+def track_row(track: FollowingTrack) -> dict[str, Any]:
+    """A track as the list columns of ``follower_tracks``."""
+    return dict(zip(_ROWS, map(np.ndarray.tolist, track.as_array()), strict=True))
+
+
+def track_of(row: Mapping[str, Any]) -> FollowingTrack:
+    """The track of a row of ``follower_tracks``."""
+    return FollowingTrack(*(np.asarray(row[name], dtype=np.float64) for name in _ROWS))

@@ -1,0 +1,312 @@
+"""Population tables from the losses of all events: the validation matrix and the paired summary."""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from highd_lc.io import artefacts
+from highd_lc.scoring.population import Bootstrap, hodges_lehmann, mean_interval, ratio_interval, shares
+from highd_lc.vocab import names
+from highd_lc.vocab.settings import StatisticsSettings
+from highd_lc.vocab.tables import TABLES
+
+FloatArray = NDArray[np.float64]
+
+PAIR_OF_FORM = {
+    names.FIXED: names.FIXED_POLICIES,
+    names.FREE: names.FREE_POLICIES,
+}
+"""The policies that each form compares: benchmark, local optimum."""
+PAIR_OF_START_FORM = {
+    names.START: names.START_POLICIES,
+    names.FREE_START: names.FREE_START_POLICIES,
+}
+"""The same with a chosen start; planned on a sample of the events by default."""
+_COMPARED = (
+    (names.LOCAL_OPTIMUM, names.BENCHMARK),
+    (names.LOCAL_OPTIMUM_FREE, names.BENCHMARK_FREE),
+    (names.LOCAL_OPTIMUM_START, names.BENCHMARK_START),
+    (names.LOCAL_OPTIMUM_FREE_START, names.BENCHMARK_FREE_START),
+    (names.BENCHMARK_START, names.BENCHMARK),
+    (names.LOCAL_OPTIMUM_START, names.LOCAL_OPTIMUM),
+    (names.LOCAL_OPTIMUM, names.HUMAN),
+    (names.BENCHMARK, names.HUMAN),
+    (names.LOCAL_OPTIMUM, names.NO_LANE_CHANGE),
+    (names.LOCAL_OPTIMUM, names.CONSTANT),
+    (names.BENCHMARK_FREE, names.BENCHMARK),
+    (names.LOCAL_OPTIMUM_FREE, names.LOCAL_OPTIMUM),
+)
+_QUANTITIES = (
+    "loss_total",
+    "loss_av",
+    "loss_hv",
+    "av_comfort",
+    "av_efficiency",
+    "hv_comfort",
+    "hv_efficiency",
+    "worst_follower",
+    "loss_hv_increment",
+    "min_gap_m",
+    "min_time_headway_s",
+    "min_ttc_s",
+    "max_drac",
+    "peak_follower_decel",
+)
+_CELL_COLUMNS = (
+    "recording_id_1",
+    "somebody_worse",
+    "contact",
+    *(f"loss_{side}_{k}" for side in ("total", "hv", "av") for k in (1, 0)),
+)
+_SPACINGS = ((0, 15), (15, 30), (30, 60), (60, np.inf))
+_CLOSING = ((-np.inf, -2), (-2, 2), (2, np.inf))
+_SPEEDS = ((0, 15), (15, 25), (25, 33), (33, np.inf))
+_NOTHING = 1e-9
+_AT_START = (("t", ">", -1e-9), ("t", "<", 1e-9))
+
+
+def situations(work: Path) -> pd.DataFrame:
+    """What strata are made of: one row an event, indexed by event_id (see ``strata``)."""
+    events = artefacts.read(work, "events").set_index("event_id")
+    vehicles = artefacts.read(work, "vehicles").set_index(["recording_id", "vehicle_id"])["length"]
+    start = artefacts.read(
+        work, "event_tracks", columns=["event_id", "role", "t", "x", "vx"], where=_AT_START
+    ).set_index("event_id")
+    ego, first = (start[start["role"] == role] for role in (names.EGO, names.target_follower(1)))
+    follower = events["follower_ids"].map(lambda ids: int(ids[0]))
+    lengths = [
+        vehicles.reindex(pd.MultiIndex.from_arrays([events["recording_id"], ids])).to_numpy()
+        for ids in (events["ego_id"], follower)
+    ]
+    sites = artefacts.read(work, "recordings", columns=["recording_id", "location_id"]).drop_duplicates()
+    events["location_id"] = events["recording_id"].map(sites.set_index("recording_id")["location_id"])
+    events["n_followers"] = events["follower_ids"].map(len)
+    events["spacing_m"] = (ego["x"] - first["x"]).reindex(events.index) + (lengths[0] - lengths[1]) / 2.0
+    events["closing_mps"] = (first["vx"] - ego["vx"]).reindex(events.index)
+    events["speed_mps"] = ego["vx"].reindex(events.index)
+    return events
+
+
+def strata(events: pd.DataFrame) -> dict[str, pd.Series]:
+    """Which events belong to each stratum: all, and the classes of each stratification (equations.md 12).
+
+    events: one row an event, with ego_class, direction, n_followers, target_leader_id, leader_leaves_s, spacing_m
+    (ego to first follower, front to front), closing_mps (first follower minus ego), speed_mps (ego) at t_start.
+    """
+    found = {"all": pd.Series(True, index=events.index)}
+    for column, label in (("ego_class", "class"), ("direction", "direction"), ("n_followers", "followers")):
+        for value in sorted(events[column].unique()):
+            found[f"{label}={value}"] = events[column] == value
+    leaves = events["leader_leaves_s"].notna()
+    for label, members in (
+        ("leader=none", events["target_leader_id"].isna()),
+        ("leader=stays", events["target_leader_id"].notna() & ~leaves),
+        ("leader=leaves its lane", leaves),
+    ):
+        if members.any():
+            found[label] = members
+    for column, label, bins in (
+        ("spacing_m", "spacing", _SPACINGS),
+        ("closing_mps", "closing", _CLOSING),
+        ("speed_mps", "speed", _SPEEDS),
+    ):
+        for low, high in bins:
+            inside = (events[column] >= low) & (events[column] < high)
+            if inside.any():
+                found[f"{label}={_range(low, high)}"] = inside
+    return found
+
+
+def _range(low: float, high: float) -> str:
+    if np.isinf(low):
+        return f"below {high:g}"
+    return f"from {low:g}" if np.isinf(high) else f"{low:g} to {high:g}"
+
+
+class PolicyLosses:
+    """The losses of a population, split by accounting and policy once. losses: the artefact."""
+
+    def __init__(self, losses: pd.DataFrame) -> None:
+        self._columns = losses.columns.drop("event_id")
+        self._of = {
+            (str(accounting), str(policy)): rows.set_index("event_id")
+            for (accounting, policy), rows in losses.groupby(["accounting", "policy"], sort=False)
+        }
+
+    def of(self, accounting: str, policy: str) -> pd.DataFrame:
+        """One row an event, indexed by event_id; none where the policy was not planned."""
+        found = self._of.get((accounting, policy))
+        return pd.DataFrame(columns=self._columns) if found is None else found
+
+    def pair(self, accounting: str, policy: str, against: str) -> pd.DataFrame:
+        """The losses of both policies side by side, suffixes _1 (policy) and _0 (against).
+
+        contact: whether somebody drives through another under either of them.
+        """
+        one, other = self.of(accounting, policy), self.of(accounting, against)
+        if one.empty or other.empty:
+            return pd.DataFrame()
+        pair = one.add_suffix("_1").join(other.add_suffix("_0"), how="inner")
+        return pair.assign(contact=pair["contact_1"].ne("") | pair["contact_0"].ne(""))
+
+
+def validation_matrix(
+    events: pd.DataFrame, losses: PolicyLosses, settings: StatisticsSettings, *, seed: int
+) -> pd.DataFrame:
+    """Gain of the local optimum over the benchmark in every cell: form x accounting x stratum.
+
+    events: see ``strata``, indexed by event_id. Events without a feasible plan of either policy count in n_events
+    and infeasible, not in the totals; events that could not be planned at all (listed as problems of the run), or
+    whose start was not chosen, count nowhere.
+    """
+    bootstrap = Bootstrap(settings.bootstrap, settings.confidence, seed)
+    members = strata(events)
+    rows = []
+    for form, (benchmark, local) in (PAIR_OF_FORM | PAIR_OF_START_FORM).items():
+        for accounting in names.ACCOUNTINGS:
+            pair = losses.pair(accounting, local, benchmark)
+            if pair.empty:
+                continue
+            pair = _with_somebody_worse(pair, settings.tie_band)[list(_CELL_COLUMNS)]
+            human = losses.of(accounting, names.HUMAN).reindex(pair.index)
+            for stratum, inside in members.items():
+                chosen = inside.reindex(pair.index).to_numpy(bool)
+                if chosen.any():
+                    row = {"form": form, "accounting": accounting, "stratum": stratum}
+                    row |= _cell(pair[chosen], bootstrap, settings.tie_band)
+                    rows.append(row | {"share_observed": _share_observed(human, chosen)})
+    return pd.DataFrame(rows, columns=list(TABLES["validation_matrix"].column_names))
+
+
+def _with_worst_follower(pair: pd.DataFrame) -> pd.DataFrame:
+    """A pair with the loss of the one follower to whom the policy does most harm, or least good."""
+    if pair.empty:
+        return pair
+    one, other = _followers(pair)
+    growth = np.where(np.isnan(one), -np.inf, one - other)
+    worst = np.arange(len(pair)), growth.argmax(axis=1)
+    return pair.assign(worst_follower_1=one[worst], worst_follower_0=other[worst])
+
+
+def _followers(pair: pd.DataFrame) -> tuple[FloatArray, FloatArray]:
+    """Each follower's loss under both policies of a pair, shape (events, most followers); NaN where there is none.
+
+    An event with a plan of only one of the policies has none.
+    """
+    one, other = (_padded(pair[f"loss_hv_each_{k}"]) for k in (1, 0))
+    width = min(one.shape[1], other.shape[1])
+    unpaired = (np.isnan(one).sum(axis=1) != np.isnan(other).sum(axis=1))[:, None]
+    one, other = (np.where(unpaired, np.nan, each[:, :width]) for each in (one, other))
+    return one, other
+
+
+def _padded(lists: pd.Series) -> FloatArray:
+    """Lists of numbers as rows of one array, NaN after their ends; at least one column."""
+    lengths = lists.map(len).to_numpy()
+    rows = np.full((len(lists), max(1, lengths.max(initial=0))), np.nan)
+    rows[np.arange(rows.shape[1]) < lengths[:, None]] = np.concatenate([*lists, []])
+    return rows
+
+
+def _cell(pair: pd.DataFrame, bootstrap: Bootstrap, band: float) -> dict[str, Any]:
+    both = pair["loss_total_1"].notna().to_numpy() & pair["loss_total_0"].notna().to_numpy()
+    contact = pair["contact"].to_numpy(bool)
+    solved = pair[both & ~contact]
+    local, benchmark = solved["loss_total_1"].to_numpy(), solved["loss_total_0"].to_numpy()
+    relative = local / benchmark - 1.0
+    recordings = solved["recording_id_1"].to_numpy()
+    better, worse, tied = shares(relative, band)
+    ratio = ratio_interval(recordings, local, benchmark, bootstrap)
+    return {
+        "n_events": len(pair),
+        "n_recordings": int(pair["recording_id_1"].nunique()),
+        "total_benchmark": float(benchmark.sum()),
+        "total_local": float(local.sum()),
+        "gain": _gain(solved, "loss_total"),
+        "gain_low": 1.0 - ratio.high,
+        "gain_high": 1.0 - ratio.low,
+        "gain_hv": _gain(solved, "loss_hv"),
+        "gain_av": _gain(solved, "loss_av"),
+        "median_difference": float(np.median(relative)) if len(relative) else np.nan,
+        "hodges_lehmann": hodges_lehmann(relative),
+        "share_differ": 1.0 - tied,
+        "share_better": better,
+        "share_worse": worse,
+        "share_worst_follower_worse": float(solved["somebody_worse"].mean()) if len(solved) else np.nan,
+        "infeasible": int((~both & ~contact).sum()),
+        "contacts": int(contact.sum()),
+    }
+
+
+def _share_observed(human: pd.DataFrame, chosen: NDArray[np.bool_]) -> float:
+    """Share of the follower samples charged to the human's motion in which the follower was in view."""
+    charged, seen = (human[f"{name}_n_samples"].to_numpy()[chosen] for name in ("follower", "recorded"))
+    total = np.nansum(charged)
+    return float(np.nansum(seen) / total) if total else np.nan
+
+
+def _gain(pair: pd.DataFrame, column: str) -> float:
+    total = pair[f"{column}_0"].sum()
+    return float(1.0 - pair[f"{column}_1"].sum() / total) if total > 0.0 else np.nan
+
+
+def _with_somebody_worse(pair: pd.DataFrame, band: float) -> pd.DataFrame:
+    """A pair with whether the policy raises any follower's loss by more than the band."""
+    one, other = _followers(pair)
+    return pair.assign(somebody_worse=(one > other * (1.0 + band)).any(axis=1))
+
+
+def summarise_losses(losses: PolicyLosses, settings: StatisticsSettings, *, seed: int) -> pd.DataFrame:
+    """Paired differences of policies in every loss and safety column, under every accounting."""
+    bootstrap = Bootstrap(settings.bootstrap, settings.confidence, seed)
+    rows = [
+        {"policy": policy, "against": against, "accounting": accounting, **row}
+        for accounting in sorted(names.ACCOUNTINGS)
+        for policy, against in _COMPARED
+        for row in _differences(
+            _with_worst_follower(losses.pair(accounting, policy, against)), bootstrap, settings.tie_band
+        )
+    ]
+    return pd.DataFrame(rows, columns=list(TABLES["summary_losses"].column_names))
+
+
+def _differences(pair: pd.DataFrame, bootstrap: Bootstrap, band: float) -> Iterator[dict[str, Any]]:
+    if pair.empty:
+        return
+    contacts = int(pair["contact"].sum())
+    pair = pair[~pair["contact"].to_numpy(bool)]
+    for quantity in _QUANTITIES:
+        one, other = (pair[f"{quantity}_{k}"].to_numpy(float) for k in (1, 0))
+        both = ~(np.isnan(one) | np.isnan(other))
+        if not both.any():
+            continue
+        one, other, recordings = one[both], other[both], pair["recording_id_1"].to_numpy()[both]
+        difference = one - other
+        scale = np.where(np.abs(other) > 0.0, np.abs(other), 1.0)
+        better, worse, tied = shares(difference / scale, band)
+        interval = mean_interval(recordings, difference, bootstrap)
+        yield {
+            "quantity": quantity,
+            "n": len(difference),
+            "contacts": contacts,
+            "mean": float(one.mean()),
+            "mean_against": float(other.mean()),
+            "ratio_of_sums": _ratio(one, other),
+            "median_difference": float(np.median(difference)),
+            "hodges_lehmann": hodges_lehmann(difference),
+            "difference_low": interval.low,
+            "difference_high": interval.high,
+            "share_better": better,
+            "share_worse": worse,
+            "share_tied": tied,
+        }
+
+
+def _ratio(one: FloatArray, other: FloatArray) -> float:
+    """Ratio of two sums; NaN where the lower one is nothing beside what was added, but for rounding."""
+    total, added = other.sum(), np.abs(one).sum() + np.abs(other).sum()
+    return float(one.sum() / total) if abs(total) > _NOTHING * added else np.nan

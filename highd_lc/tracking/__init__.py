@@ -1,0 +1,1 @@
+"""Plans driven by the model predictive controller on vehicle models."""

@@ -1,0 +1,270 @@
+"""The plans of an event as a car drives them under the MPC: everybody around the tracked motion, checked again.
+
+The car carries the event's own box along the tracked rear axle, on either plant: what differs from the plan is the
+motion alone. The followers react to the motion that they see, which is the tracked one.
+
+What a closed loop drove, judged as a plan is: limits checked again and the AV's loss recomputed.
+
+The tracked motion is known by samples only, so its accelerations and jerks are finite differences: the
+acceleration between two samples is that of their velocities over dt, the jerk at a sample that of the two
+accelerations beside it. At both ends the acceleration is 0 (equations.md 2), half an interval away.
+``planned_motion`` samples a plan in the same way, so that planned against tracked compares motions and not ways
+of differencing.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from highd_lc.core.losses import cumulative_comfort, cumulative_efficiency
+from highd_lc.core.quintic import Quintic, sample
+from highd_lc.planning.planner import Plan, PlanningProblem, clearance_margins
+from highd_lc.planning.replay import AvMotion, Replay, replay
+from highd_lc.planning.start_planner import key_of, replay_behind
+from highd_lc.planning.starts import StartProblem, pose_starts
+from highd_lc.scoring import charges
+from highd_lc.tracking.closed_loop import Controller, controller, track
+from highd_lc.tracking.multibody import track_multibody
+from highd_lc.vocab import names
+from highd_lc.vocab.tracking import INVALID_REFERENCE, MULTI_BODY, Reference, TrackingResult
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class SampledMotion:
+    """A motion by samples of dt [s]: speed [m/s], shape (n + 1,); acceleration [m/s^2] between the samples,
+
+    forward and lateral, shape (n, 2); jerk [m/s^3] at the samples, forward and lateral, shape (n + 1, 2).
+    """
+
+    dt: float
+    speed: FloatArray
+    acceleration: FloatArray
+    jerk: FloatArray
+
+
+@dataclass(frozen=True)
+class AvLoss:
+    """The AV's loss and its normalised terms (equations 5 to 7): loss = 0.5 comfort + 0.5 efficiency."""
+
+    comfort: float
+    efficiency: float
+
+    @property
+    def loss(self) -> float:
+        """0.5 comfort + 0.5 efficiency."""
+        return 0.5 * self.comfort + 0.5 * self.efficiency
+
+
+def motion_of(velocity: FloatArray, dt: float) -> SampledMotion:
+    """Accelerations and jerks of velocities [m/s], forward and lateral, shape (n + 1, 2), sampled at dt [s]."""
+    acceleration = np.diff(velocity, axis=0) / dt
+    jerk = np.empty_like(velocity)
+    jerk[1:-1] = np.diff(acceleration, axis=0) / dt
+    jerk[0], jerk[-1] = 2.0 * acceleration[0] / dt, -2.0 * acceleration[-1] / dt
+    return SampledMotion(dt, np.hypot(velocity[:, 0], velocity[:, 1]), acceleration, jerk)
+
+
+def tracked_motion(result: TrackingResult) -> SampledMotion:
+    """The motion that a closed loop drove."""
+    return motion_of(result.velocity, result.dt)
+
+
+def planned_motion(reference: Reference) -> SampledMotion:
+    """The planned motion, known by its samples as the tracked one is."""
+    return motion_of(np.column_stack([reference.xdot, reference.ydot]), reference.dt)
+
+
+def plan_reference(plan: Quintic, dt: float) -> Reference:
+    """A plan as the controller's reference, from the start of its manoeuvre on. dt [s]."""
+    s = sample(plan, np.arange(round(plan.T / dt) + 1, dtype=np.float64) * dt)
+    return Reference(dt, s.x, s.y, s.vx, s.vy, s.ax, s.ay)
+
+
+def loss_av(
+    motion: SampledMotion,
+    *,
+    v_ref: float,
+    comfort_scale: float,
+    efficiency_scale: float,
+    one_sided: bool = False,
+    after: AvLoss | None = None,
+) -> AvLoss:
+    """The AV's loss of a motion over its samples (equations 5 to 7; equations.md 4).
+
+    v_ref: reference speed [m/s]; comfort_scale: N_c [m/s^3]; efficiency_scale: N_e [m/s]; one_sided: only slower
+    than v_ref counts; after: terms of the drive after T, where the accounting charges them (`equal`).
+    """
+    comfort = cumulative_comfort(np.abs(motion.jerk).sum(axis=1), scale=comfort_scale)[-1]
+    efficiency = cumulative_efficiency(motion.speed, v_ref, scale=efficiency_scale, one_sided=one_sided)[-1]
+    rest = after or AvLoss(0.0, 0.0)
+    return AvLoss(float(comfort) + rest.comfort, float(efficiency) + rest.efficiency)
+
+
+def violations(
+    motion: SampledMotion,
+    *,
+    v_min: float,
+    v_max: float,
+    acceleration: float,
+    jerk: float,
+    tolerance: float = 0.01,
+) -> dict[str, float]:
+    """Limits (equations.md 5) that a motion breaks, each with its worst value, in the order speed to jerk.
+
+    v_min, v_max [m/s]; acceleration [m/s^2] and jerk [m/s^3] of either axis; tolerance: share of a limit that
+    counts as on it, since plans often lie exactly on a limit.
+    """
+    names = ("acceleration_x", "acceleration_y", "jerk_x", "jerk_y")
+    worst = [*np.max(np.abs(motion.acceleration), axis=0), *np.max(np.abs(motion.jerk), axis=0)]
+    limits = (acceleration, acceleration, jerk, jerk)
+    slowest, fastest = float(np.min(motion.speed)), float(np.max(motion.speed))
+    found = {}
+    if slowest < v_min * (1.0 - tolerance):
+        found["speed_min"] = slowest
+    if fastest > v_max * (1.0 + tolerance):
+        found["speed_max"] = fastest
+    for name, value, limit in zip(names, worst, limits, strict=True):
+        if value > limit * (1.0 + tolerance):
+            found[name] = float(value)
+    return found
+
+
+@dataclass(frozen=True)
+class DrivenPlan:
+    """A plan as a plant drove it: the closed loop, its motion by samples, and everybody around it over 0 .. H.
+
+    planned: what happens under the plan; replay: around the tracked motion, None where nothing was driven.
+    """
+
+    plan: Plan
+    planned: Replay
+    reference: Reference
+    result: TrackingResult
+    motion: SampledMotion
+    replay: Replay | None
+
+
+@dataclass(frozen=True)
+class PlanTracker:
+    """Drives the plans of one event."""
+
+    problem: PlanningProblem
+
+    @cached_property
+    def starts(self) -> StartProblem:
+        """Gaps and waiting of the plans that chose their start."""
+        return pose_starts(self.problem)
+
+    @cached_property
+    def _controller(self) -> Controller:
+        return controller(self.problem.settings.tracking, self.problem.scene.dt)
+
+    def drive(self, plan: Plan, plant: str) -> DrivenPlan | None:
+        """The plan on a plant; None where there is no plan.
+
+        The multi-body car steers its own wheelbase, 2.58 m, the bicycle the event's (equations.md 8).
+        """
+        if plan.replay is None:
+            return None
+        reference = reference_of(self.problem, plan, plan.replay)
+        result = self._result(reference, plant)
+        motion = tracked_motion(result)
+        around = None
+        if result.status != INVALID_REFERENCE:
+            around = self._around(plan, tracked_av(plan.replay.av, result, motion))
+        return DrivenPlan(plan, plan.replay, reference, result, motion, around)
+
+    def _result(self, reference: Reference, plant: str) -> TrackingResult:
+        settings = self.problem.settings.tracking
+        if plant == MULTI_BODY:
+            return track_multibody(reference, settings=settings)
+        wheelbase = self.problem.scene.wheelbase
+        return track(reference, wheelbase=wheelbase, settings=settings, shared=self._controller)
+
+    def _around(self, plan: Plan, av: AvMotion) -> Replay:
+        if plan.replay is not None and plan.replay.entry is not None:
+            return replay_behind(self.starts, key_of(self.starts, plan.gap, plan.delay_s), av)
+        packed = self.problem.packed
+        # The recorded path is that of the box centre.
+        return replay(av, packed._replace(rear_to_centre=0.0) if plan.policy == names.HUMAN else packed)
+
+    def clearances(self, plan: Plan, played: Replay) -> dict[str, float]:
+        """``clearance_<role>`` [m] over the plan's accounted time, of the roles that count."""
+        found = clearance_margins(self.problem, played, plan.accounting)
+        return {name: value for name, value in found.items() if np.isfinite(value)}
+
+    def violations(self, driven: DrivenPlan) -> list[str]:
+        """Constraints (equations.md 5) that the tracked motion breaks: limits of motion, then contacts."""
+        limit = self.problem.limit
+        limits = {"v_min": limit.v_min, "v_max": limit.v_max}
+        broken = violations(driven.motion, **limits, acceleration=limit.acceleration, jerk=limit.jerk)
+        clear = self.clearances(driven.plan, driven.replay) if driven.replay else {}
+        return [*broken, *(name for name, value in clear.items() if value < 0.0)]
+
+    def loss_av(self, motion: SampledMotion) -> AvLoss:
+        """The AV's loss of a sampled motion over 0 .. T."""
+        terms, loss = self.problem.terms, self.problem.settings.loss
+        return loss_av(
+            motion,
+            v_ref=terms.av_ref,
+            comfort_scale=loss.comfort_scale,
+            efficiency_scale=loss.efficiency_scale,
+            one_sided=terms.one_sided,
+        )
+
+    def loss_hv(self, plan: Plan, played: Replay) -> float:
+        """The followers' loss around a motion over the plan's accounted time."""
+        terms, loss, dt = self.problem.terms, self.problem.settings.loss, self.problem.scene.dt
+        losses = charges.cumulative_losses(played, terms, loss, dt)
+        _, last = charges.charged_samples(plan.accounting, played.av.n, len(played.av.x) - 1)
+        return float(0.5 * terms.weights @ (losses.hv_comfort[:, last] + losses.hv_efficiency[:, last]))
+
+
+def reference_of(problem: PlanningProblem, plan: Plan, planned: Replay) -> Reference:
+    """The planned motion over 0 .. T as the controller's reference, a wait before it left out."""
+    if plan.quintic is not None:
+        return plan_reference(plan.quintic, problem.scene.dt)
+    human, av, used = problem.scene.human, planned.av, slice(0, planned.av.n + 1)
+    columns = (av.x, av.y, av.vx, av.vy, human.ax, human.ay)
+    return Reference(problem.scene.dt, *(column[used] for column in columns))
+
+
+def tracked_av(planned: AvMotion, result: TrackingResult, motion: SampledMotion) -> AvMotion:
+    """The tracked motion in the place of the planned one, a wait before it kept; unfinished after T.
+
+    Velocities are the forward speed along the car's heading, so that the ellipse turns with the car and not with
+    its course. motion: the result's, by samples.
+    """
+    first = planned.n - len(result.states) + 1
+    heading = result.states[:, 2]
+    cos, sin = np.cos(heading), np.sin(heading)
+    forward = result.velocity[:, 0] * cos + result.velocity[:, 1] * sin
+    # The reference of a delayed plan counts x from the end of the wait.
+    x = result.states[:, 0] + (planned.x[first] if first else 0.0)
+    columns = {
+        "x": x,
+        "y": result.states[:, 1],
+        "vx": forward * cos,
+        "vy": forward * sin,
+        "ax": np.append(motion.acceleration[:, 0], 0.0),
+        "jerk": np.abs(motion.jerk).sum(axis=1),
+    }
+    whole = {name: _replaced(getattr(planned, name), first, column) for name, column in columns.items()}
+    # The human's car goes on as recorded from where it was driven to.
+    seen = slice(planned.n + 1, planned.recorded + 1)
+    for name, column in whole.items():
+        shift = column[planned.n] - getattr(planned, name)[planned.n] if name in ("x", "y") else 0.0
+        column[seen] = getattr(planned, name)[seen] + shift
+    return AvMotion(**whole, n=planned.n, crossing=planned.crossing, recorded=planned.recorded)
+
+
+def _replaced(planned: FloatArray, first: int, column: FloatArray) -> FloatArray:
+    """``planned`` with a column from sample ``first`` on, and zeros after it."""
+    out = np.zeros(len(planned))
+    out[:first] = planned[:first]
+    out[first : first + len(column)] = column
+    return out

@@ -1,0 +1,1 @@
+"""The synthetic recorder's traffic: lanes, drivers, what a camera films of them. Arrays, no files."""

@@ -1,0 +1,180 @@
+"""Multi-lane traffic of LCM drivers on one carriageway, with lane changes on smooth lateral paths.
+
+Every driver follows by the LCM (``core.lcm``) with parameters of its own. A driver considers to change lane at
+times of its own and does so if that raises its LCM acceleration enough and neither it nor its new follower
+would have to brake hard. Whoever changes lane watches the leaders of both lanes until its centre crosses the
+marking, and its new follower follows it from the start of the path on, as the planner assumes. The lateral
+path is a quintic polynomial from the present lateral state to the place in the target lane.
+"""
+
+import numpy as np
+from numba import njit
+
+from highd_lc.core.drive import advance
+from highd_lc.traffic.lanes import (
+    KEPT,
+    MAX_CHANGES,
+    ROW_COLUMNS,
+    Clock,
+    Drivers,
+    FloatArray,
+    Passage,
+    Road,
+    Traffic,
+    begin_change,
+    break_off,
+    empty_traffic,
+    end_path,
+    follow_path,
+    lcm_behind,
+    wanted_lane,
+)
+
+_LANE_CHANGE_FROM = 150.0  # nobody changes lane in the first metres after the entry [m]
+_GENTLE_BRAKING = 0.5  # at most this much braking is asked of a vehicle as it enters [m/s^2]
+_ENTRY_SPEED = 0.93  # speed on entering a free road, as a share of the desired one
+_ROWS_A_BLOCK = 65536
+
+
+def simulate(drivers: Drivers, road: Road, clock: Clock) -> Passage:
+    """Drive all vehicles through the carriageway and record what is in view, frame by frame.
+
+    The state is recorded before the step that starts at it: position, speed and the acceleration commanded
+    there belong to one instant. Semi-implicit Euler; all vehicles act on the states of the same instant.
+    """
+    traffic = empty_traffic(drivers)
+    blocks = []
+    step, last_step = -clock.warm_up_steps, clock.frames * clock.steps_per_frame
+    while step < last_step:
+        block = np.empty((_ROWS_A_BLOCK, len(ROW_COLUMNS)))
+        step, n = _advance(step, traffic, road, clock, block)
+        blocks.append(block[:n])
+    for vehicle in traffic.order[: traffic.counts[0]]:
+        if traffic.vehicles[vehicle]["moving"]:
+            me = traffic.vehicles[vehicle]
+            end_path(traffic, vehicle, me["start"] + me["seconds"])
+    paths = traffic.log[: traffic.counts[1]]
+    return Passage(np.concatenate(blocks), paths[np.argsort(paths["start"], kind="stable")])
+
+
+@njit(cache=True, nogil=True)
+def _advance(step: int, traffic: Traffic, road: Road, clock: Clock, rows: FloatArray) -> tuple[int, int]:
+    """Simulate until the end or until the rows might not hold another frame: (next step, rows written)."""
+    n_rows = 0
+    while step < clock.frames * clock.steps_per_frame and n_rows + traffic.counts[0] < len(rows):
+        time = step * clock.dt
+        _enter(traffic, road, time)
+        _sort_downstream_first(traffic)
+        _accelerate(traffic)
+        if step >= 0 and step % clock.steps_per_frame == 0:
+            n_rows = _record(traffic, road, step // clock.steps_per_frame, rows, n_rows)
+        _steer(traffic, road, time)
+        _move(traffic, road, time, clock.dt)
+        step += 1
+    return step, n_rows
+
+
+@njit(cache=True, nogil=True)
+def _enter(traffic: Traffic, road: Road, time: float) -> None:
+    """Let the next vehicle of each lane in as soon as it has arrived and the lane has room for it."""
+    vehicles, order = traffic.vehicles, traffic.order
+    for lane in range(len(traffic.waiting)):
+        new = traffic.waiting[lane]
+        if new >= traffic.lane_first[lane + 1] or vehicles[new].arrival > time:
+            continue
+        last = -1
+        for k in range(traffic.counts[0]):
+            if vehicles[order[k]].lane == lane or vehicles[order[k]].beside == lane:
+                last = order[k]
+        me = vehicles[new]
+        me.x, me.v = -road.upstream, _ENTRY_SPEED * me.v_desire
+        if last >= 0 and lcm_behind(vehicles, new, last) < -_GENTLE_BRAKING:
+            me.v = min(me.v, vehicles[last].v)
+            if lcm_behind(vehicles, new, last) < -_GENTLE_BRAKING:
+                continue
+        me.lane, me.beside = lane, -1
+        me.y = 0.5 * (road.markings[lane] + road.markings[lane + 1]) + me.offset[0]
+        order[traffic.counts[0]] = new
+        traffic.counts[0] += 1
+        traffic.waiting[lane] += 1
+
+
+@njit(cache=True, nogil=True)
+def _sort_downstream_first(traffic: Traffic) -> None:
+    """Insertion sort: the order hardly changes from step to step."""
+    vehicles, order = traffic.vehicles, traffic.order
+    for k in range(1, traffic.counts[0]):
+        vehicle = order[k]
+        j = k
+        while j > 0 and vehicles[order[j - 1]].x < vehicles[vehicle].x:
+            order[j] = order[j - 1]
+            j -= 1
+        order[j] = vehicle
+
+
+@njit(cache=True, nogil=True)
+def _accelerate(traffic: Traffic) -> None:
+    """LCM behind the last vehicle met on each lane, from downstream on; the harder braking of two lanes."""
+    vehicles, last = traffic.vehicles, traffic.last
+    for lane in range(len(last)):
+        last[lane] = -1
+    for k in range(traffic.counts[0]):
+        vehicle = traffic.order[k]
+        me = vehicles[vehicle]
+        me.a = lcm_behind(vehicles, vehicle, last[me.lane])
+        if me.beside >= 0:
+            me.a = min(me.a, lcm_behind(vehicles, vehicle, last[me.beside]))
+            last[me.beside] = vehicle
+        last[me.lane] = vehicle
+
+
+@njit(cache=True, nogil=True)
+def _record(traffic: Traffic, road: Road, frame: int, rows: FloatArray, n_rows: int) -> int:
+    """Write the vehicles whose centre is in view; returns the number of rows written so far."""
+    for k in range(traffic.counts[0]):
+        me = traffic.vehicles[traffic.order[k]]
+        centre = me.x - 0.5 * me.length
+        if 0.0 <= centre <= road.section:
+            rows[n_rows, 0], rows[n_rows, 1], rows[n_rows, 2] = traffic.order[k], frame, centre
+            rows[n_rows, 3], rows[n_rows, 4] = me.v, me.a
+            rows[n_rows, 5], rows[n_rows, 6], rows[n_rows, 7] = me.y, me.vy, me.ay
+            n_rows += 1
+    return n_rows
+
+
+@njit(cache=True, nogil=True)
+def _steer(traffic: Traffic, road: Road, time: float) -> None:
+    """Begin changes that are due and pay, break off those that are meant to be, end those that are done."""
+    for k in range(traffic.counts[0]):
+        vehicle = traffic.order[k]
+        me = traffic.vehicles[vehicle]
+        if me.moving:
+            if time >= me.start + me.seconds:
+                end_path(traffic, vehicle, me.start + me.seconds)
+                me.look = time + me.pause[me.changes - 1]
+            elif me.kind == KEPT and me.beside < 0 and me.breaks_off[me.changes - 1]:
+                break_off(traffic, road, vehicle, time)
+        elif time >= me.look:
+            me.look += me.look_every
+            if me.changes < MAX_CHANGES and me.x > _LANE_CHANGE_FROM - road.upstream:
+                lane = wanted_lane(traffic, road, vehicle)
+                if lane >= 0:
+                    begin_change(me, road, lane, time)
+
+
+@njit(cache=True, nogil=True)
+def _move(traffic: Traffic, road: Road, time: float, dt: float) -> None:
+    """One step; vehicles past the end of the road leave."""
+    kept = 0
+    for k in range(traffic.counts[0]):
+        vehicle = traffic.order[k]
+        me = traffic.vehicles[vehicle]
+        me.x, me.v = advance(me.x, me.v, me.a, dt)
+        if me.moving:
+            follow_path(me, road, time + dt)
+        if me.x <= road.section + road.downstream:
+            traffic.order[kept] = vehicle
+            kept += 1
+        elif me.moving:
+            end_path(traffic, vehicle, me.start + me.seconds)
+    traffic.counts[0] = kept

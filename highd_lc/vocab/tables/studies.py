@@ -1,0 +1,405 @@
+"""Columns of what the population is judged by beside the matrix: cross scores, maps and studies on a sample."""
+
+from typing import Final
+
+from highd_lc.vocab import names
+from highd_lc.vocab.tables.columns import Column, Table, count, number, word
+from highd_lc.vocab.tracking import PLANTS
+
+LCM: Final = "lcm"
+IDM: Final = "idm"
+LCM_DRAWN: Final = "lcm_drawn"
+FOLLOWER_MODELS: Final = (LCM, IDM, LCM_DRAWN)
+"""Who the followers are when a plan is scored: as planned, the IDM, LCM parameters drawn within their spread."""
+
+FRONT: Final = "front"
+SWEEP: Final = "sweep"
+
+TOGETHER: Final = "together"
+"""In ``worse_for_somebody``: AV and followers together, not one follower."""
+
+OPTIMAL_POLICIES: Final = (
+    *names.FIXED_POLICIES,
+    *names.FREE_POLICIES,
+    *names.START_POLICIES,
+    *names.FREE_START_POLICIES,
+)
+
+_RECORDING = Column("recording_id", "int64", "number in the recording's file name", minimum=0)
+_EVENT = word("event_id", "RR-VVVV-FFFFF: recording, ego, crossing frame")
+_FORM = word("form", "fixed or free end speed", (*names.FORMS, *names.START_FORMS))
+_ACCOUNTING = word("accounting", "over which time each side is charged", names.ACCOUNTINGS)
+_OMEGA = number("omega_av", "weight of the AV in the joint objective", minimum=0, maximum=1)
+
+_GAIN = (
+    count("n_events", "events, infeasible ones included"),
+    count("n_recordings", "recordings with such an event"),
+    count("infeasible", "events without a feasible plan of either policy; not in the totals"),
+    count("contacts", "events in which somebody drives through another under either policy; not in the totals"),
+    number("total_benchmark", "sum of loss_total under the benchmark"),
+    number("total_local", "sum of loss_total under the local optimum"),
+    number("gain", "1 - total_local / total_benchmark"),
+    number("gain_low", "lower end of the bootstrap interval over recordings"),
+    number("gain_high", "upper end of the bootstrap interval over recordings"),
+    number("gain_av", "1 - ratio of the sums of the AV's loss"),
+    number("gain_hv", "1 - ratio of the sums of the followers' loss"),
+    number("share_better", "share of events with a lower total under the local optimum"),
+    number("share_worse", "share of events with a higher total under the local optimum"),
+)
+
+_TILE = (
+    number("spacing_low_m", "lower edge: spacing of the first follower to the AV, front to front", "m"),
+    number("spacing_high_m", "upper edge; null = open", "m"),
+    number("closing_low_mps", "lower edge: speed of the first follower minus the AV's; null = open", "m/s"),
+    number("closing_high_mps", "upper edge; null = open", "m/s"),
+)
+
+CROSS_LOSSES = Table(
+    "cross_losses",
+    "event, optimal policy and accounting that it minimised",
+    ("recording_id", "event_id", "policy", "accounting"),
+    (
+        _EVENT,
+        _RECORDING,
+        word("policy", "whose plan is scored", OPTIMAL_POLICIES),
+        word("accounting", "accounting under which the plan was optimised", names.ACCOUNTINGS),
+        *(number(f"av_to_{end}", f"AV's loss charged to {end}", minimum=0) for end in ("T", "H")),
+        *(
+            number(f"hv_to_{end}_{model}", f"followers' loss charged to {end}: {meaning}", minimum=0)
+            for model, meaning in (
+                (LCM, "as planned"),
+                (IDM, "all followers by the IDM"),
+                (LCM_DRAWN, "mean over drawn LCM parameters"),
+            )
+            for end in ("T", "H")
+        ),
+        *(
+            count(f"contacts_to_{end}_{model}", f"{meaning} up to {end}, whose loss is left out")
+            for model, meaning in (
+                (LCM, "1 = somebody drives through another"),
+                (IDM, "1 = somebody drives through another, by the IDM,"),
+                (LCM_DRAWN, "draws in which somebody does, under this policy or its counterpart,"),
+            )
+            for end in ("T", "H")
+        ),
+        Column("contact_after_T", "bool", "whether ellipses overlap between T and H", "", True),
+    ),
+)
+
+CROSS_SCORES = Table(
+    "cross_scores",
+    "form, accounting optimised, accounting scored and followers",
+    ("form", "optimised", "scored", "followers"),
+    (
+        _FORM,
+        word("optimised", "accounting under which the plans were optimised", names.ACCOUNTINGS),
+        word("scored", "accounting under which they are scored", names.ACCOUNTINGS),
+        word("followers", "who the followers are when the plans are scored", FOLLOWER_MODELS),
+        *_GAIN,
+        count("touching", "events in which a plan's ellipse overlaps another after T, within the scored time"),
+    ),
+)
+
+GAIN_MAP = Table(
+    "gain_map",
+    "form, accounting and tile of spacing and speed difference at t_start",
+    ("form", "accounting", "spacing_low_m", "closing_low_mps"),
+    (
+        _FORM,
+        _ACCOUNTING,
+        *_TILE,
+        number("share_events", "share of all events: the density of real lane changes", minimum=0, maximum=1),
+        *_GAIN,
+    ),
+)
+
+LEAVE_ONE_OUT = Table(
+    "leave_one_out",
+    "form, accounting and location left out",
+    ("form", "accounting", "location_id"),
+    (
+        _FORM,
+        _ACCOUNTING,
+        Column("location_id", "int64", "site whose recordings are left out"),
+        count("n_left_out", "events of that site"),
+        *_GAIN,
+    ),
+)
+
+WORSE_FOR_SOMEBODY = Table(
+    "worse_for_somebody",
+    "event, form, accounting and who loses by the local optimum",
+    ("recording_id", "event_id", "form", "accounting", "who"),
+    (
+        _EVENT,
+        _RECORDING,
+        _FORM,
+        _ACCOUNTING,
+        word("who", "the follower's role, or together: AV and followers"),
+        number("loss_benchmark", "their loss under the benchmark, unweighted for one follower", minimum=0),
+        number("loss_local", "their loss under the local optimum", minimum=0),
+        number("increase", "loss_local / loss_benchmark - 1", minimum=0),
+    ),
+)
+
+HORIZON_LOSSES = Table(
+    "horizon_losses",
+    "event of the sample, accounted time H, form and accounting",
+    ("recording_id", "event_id", "horizon_s", "form", "accounting"),
+    (
+        _EVENT,
+        _RECORDING,
+        number("horizon_s", "H; plans are at most as long", "s", nullable=False, minimum=0),
+        _FORM,
+        _ACCOUNTING,
+        *(
+            number(f"loss_{side}_{policy}", f"{label}'s loss under the {words}; null if infeasible", minimum=0)
+            for policy, words in (("benchmark", "benchmark"), ("local", "local optimum"))
+            for side, label in (("av", "AV"), ("hv", "followers"))
+        ),
+    ),
+)
+
+HORIZON_SENSITIVITY = Table(
+    "horizon_sensitivity",
+    "accounted time H, form and accounting, over the events of the sample",
+    ("horizon_s", "form", "accounting"),
+    (number("horizon_s", "H", "s", nullable=False, minimum=0), _FORM, _ACCOUNTING, *_GAIN),
+)
+
+_FREE_FORM = word("form", "free end speed, at t_start or with a chosen start", (names.FREE, names.FREE_START))
+
+PARETO = Table(
+    "pareto",
+    "event of the sample, form, and plan on its front or optimum of a weight of the AV",
+    ("recording_id", "event_id", "form", "kind", "point"),
+    (
+        _EVENT,
+        _RECORDING,
+        _FREE_FORM,
+        word("kind", "front: NSGA-II's non-dominated plans; sweep: global optima over omega_AV", (FRONT, SWEEP)),
+        count("point", "number of the point: by rising loss of the AV on the front, by omega_AV in the sweep"),
+        _OMEGA,
+        number("T", "duration of the manoeuvre", "s"),
+        number("x_final", "forward distance at T", "m"),
+        number("v_end", "speed at T", "m/s"),
+        number("delay_s", "wait before the manoeuvre", "s", minimum=0),
+        word("gap", "where the AV goes"),
+        number("loss_av", "AV's loss, accounting equal", minimum=0),
+        number("loss_hv", "followers' loss, accounting equal", minimum=0),
+        Column("knee", "bool", "whether it is the knee of the front"),
+    ),
+)
+
+PARETO_SUMMARY = Table(
+    "pareto_summary",
+    "event of the sample and form",
+    ("recording_id", "event_id", "form"),
+    (
+        _EVENT,
+        _RECORDING,
+        _FREE_FORM,
+        count("n_front", "plans on NSGA-II's front; 0 = no feasible plan"),
+        count("evaluations", "plans simulated by NSGA-II"),
+        number("hypervolume", "of NSGA-II's front, as a share of the box from the ideal to the reference point"),
+        number("reference_av", "reference point: 1.1 times the worst loss of the AV on front or sweep"),
+        number("reference_hv", "reference point: 1.1 times the worst loss of the followers"),
+        number("hypervolume_sweep", "the same of the sweep over omega_AV"),
+        number("front_behind", "most by which the front's best joint objective exceeds the sweep's, relative"),
+        number("front_ahead", "most by which it falls below the sweep's, relative", minimum=0),
+        number("knee_loss_av", "AV's loss at the knee; null if the front has no bend"),
+        number("knee_loss_hv", "followers' loss at the knee"),
+        number("knee_omega_low", "the knee is optimal from this weight of the AV on; null if for no weight"),
+        number("knee_omega_high", "the knee is optimal up to this weight of the AV"),
+    ),
+)
+
+UNCERTAINTY = Table(
+    "uncertainty",
+    "event of the sample, form and accounting",
+    ("recording_id", "event_id", "form", "accounting"),
+    (
+        _EVENT,
+        _RECORDING,
+        _FORM,
+        _ACCOUNTING,
+        count("n_replanned", "draws of the followers' parameters with a feasible plan of both policies"),
+        count("infeasible", "draws without"),
+        number("gain", "gain with the parameters as fitted"),
+        number("gain_mean", "mean gain over draws, planned and scored with the drawn parameters"),
+        number("gain_low", "lowest gain over these draws"),
+        number("gain_high", "highest gain over these draws"),
+        number("share_better", "share of these draws in which the local optimum's total is lower"),
+        number("share_worse", "share of these draws in which it is higher"),
+        count("n_kept", "draws under which the plans made with the fitted parameters are scored"),
+        count("contacts", "further draws under which somebody drives through another then: left out"),
+        number("gain_kept_mean", "mean gain over those draws"),
+        number("share_kept_better", "share of those draws in which the local optimum's total is lower"),
+        number("share_kept_worse", "share of those draws in which it is higher"),
+        number("T_deviation", "standard deviation over draws of the local optimum's T", "s"),
+        number("spread_known", "share of the event's followers whose fit has a spread", minimum=0, maximum=1),
+    ),
+)
+
+RECORDED: Final = "recorded"
+PREDICTED: Final = "predicted"
+REPLANNED: Final = "replanned"
+KNOWLEDGE: Final = (RECORDED, PREDICTED, REPLANNED)
+"""What the AV knows of the leaders: recorded motion; constant speed from t_start; that, every 0.5 s anew."""
+
+_KNOWLEDGE = word("knowledge", "the leaders' motion as the AV knows it", KNOWLEDGE)
+
+FORESIGHT = Table(
+    "foresight",
+    "event of the sample, policy with a chosen start, and knowledge; accounting equal, fixed form",
+    ("recording_id", "event_id", "policy", "knowledge"),
+    (
+        _EVENT,
+        _RECORDING,
+        word("policy", "whose start is chosen", names.START_POLICIES),
+        _KNOWLEDGE,
+        number("delay_s", "wait before the manoeuvre; null if no plan was found", "s", minimum=0),
+        word("gap", "where the AV goes; empty if no plan was found"),
+        number("T", "duration of the manoeuvre", "s"),
+        number("loss_av", "AV's loss among the recorded leaders", minimum=0),
+        number("loss_hv", "followers' loss among the recorded leaders", minimum=0),
+        number("objective", "the joint objective of the policy among the recorded leaders", minimum=0),
+        Column("touches", "bool", "whether ellipses overlap among the recorded leaders"),
+        count("plannings", "how many times a plan was made"),
+    ),
+)
+
+FORESIGHT_SUMMARY = Table(
+    "foresight_summary",
+    "policy with a chosen start, and knowledge",
+    ("policy", "knowledge"),
+    (
+        word("policy", "whose start is chosen", names.START_POLICIES),
+        _KNOWLEDGE,
+        count("n_events", "events of the sample with a plan under recorded leaders"),
+        count("no_plan", "of these, events in which no plan was found with this knowledge"),
+        count("touching", "of these, events in which the plan touches somebody among the recorded leaders"),
+        count("n_compared", "of these, events with a plan that touches nobody"),
+        number("mean_delay_s", "mean wait over the compared events", "s"),
+        number("share_waiting", "share of the compared events with a wait", minimum=0, maximum=1),
+        number("objective", "sum of the objective over the compared events"),
+        number("objective_recorded", "the same events under recorded leaders"),
+        number("value_of_information", "1 - objective_recorded / objective: what knowing the leaders is worth"),
+        number("value_low", "lower end of its bootstrap interval over recordings"),
+        number("value_high", "upper end of its bootstrap interval over recordings"),
+    ),
+)
+
+START_MAP = Table(
+    "start_map",
+    "policy with a chosen start, accounting, and tile of spacing and speed difference (both null: all events)",
+    ("policy", "accounting", "spacing_low_m", "closing_low_mps"),
+    (
+        word("policy", "whose start is chosen", (*names.START_POLICIES, *names.FREE_START_POLICIES)),
+        _ACCOUNTING,
+        *_TILE,
+        number("share_events", "share of these events: the density of real lane changes", minimum=0, maximum=1),
+        count("n_events", "events with a plan, with and without the choice"),
+        number("share_waiting", "share of them in which the AV waits", minimum=0, maximum=1),
+        number("share_other_gap", "share of them in which it takes another gap", minimum=0, maximum=1),
+        number("mean_delay_s", "mean wait", "s", minimum=0),
+        number("saved_objective", "1 - objective over that of the policy without the choice, sums"),
+        number("saved_av", "the same of the AV's loss: negative = the choice costs it"),
+        number("saved_hv", "the same of the followers' loss"),
+        number("saved_total", "the same of the total loss"),
+    ),
+)
+
+SOLVER_COMPARISON = Table(
+    "solver_comparison",
+    "event of the sample, form, accounting and weight of the AV",
+    ("recording_id", "event_id", "form", "accounting", "omega_av"),
+    (
+        _EVENT,
+        _RECORDING,
+        _FORM,
+        _ACCOUNTING,
+        _OMEGA,
+        number("objective", "joint objective found by the global search", minimum=0),
+        number("objective_sqp", "best found by SLSQP from all starts; null if none is feasible", minimum=0),
+        number("objective_single", "found by SLSQP from its first start; null if infeasible", minimum=0),
+        number("excess_sqp", "objective_sqp / objective - 1; null if infeasible"),
+        number("excess_single", "objective_single / objective - 1; null if infeasible"),
+        number("T", "duration found by the global search", "s"),
+        number("T_sqp", "duration found by SLSQP", "s"),
+        count("starts", "starts of SLSQP"),
+        count("feasible_starts", "starts that ended in a feasible plan"),
+        count("evaluations", "points at which SLSQP asked for the objective"),
+    ),
+)
+
+SOLVER_SUMMARY = Table(
+    "solver_summary",
+    "form and weight of the AV",
+    ("form", "omega_av"),
+    (
+        _FORM,
+        _OMEGA,
+        count("n", "cases compared"),
+        *(
+            number(f"share_{solver}_{name}", f"share of cases in which {words} is {level}", minimum=0, maximum=1)
+            for solver, words in (("sqp", "SLSQP from all starts"), ("single", "SLSQP from one start"))
+            for name, level in (
+                ("failed", "infeasible"),
+                ("worse_1", "more than 1 % worse than the global search, or infeasible"),
+                ("worse_01", "more than 0.1 % worse, or infeasible"),
+                ("better_01", "more than 0.1 % better"),
+            )
+        ),
+        number("excess_sqp_max", "largest excess of SLSQP from all starts over the global search"),
+        number("excess_sqp_min", "smallest one; below 0: SLSQP found a better plan"),
+    ),
+)
+
+TRACKING_SUMMARY = Table(
+    "tracking_summary",
+    "policy and plant",
+    ("plant", "policy"),
+    (
+        word("policy", "whose plans are driven", names.POLICIES),
+        word("plant", "kinematic bicycle (all events) or multi-body car (a sample)", PLANTS),
+        count("n_driven", "plans driven"),
+        count("not_driven", "events without a plan, or with one that cannot be driven; not in what follows"),
+        count("lost", "of the plans driven, those whose car leaves its lane or falls behind"),
+        count("softened", "of them, those that softened the bounds of the input"),
+        count("qp_failures", "control steps whose QP was not solved, all together"),
+        number("rmse_lateral_median_m", "median over plans of the lateral RMSE", "m", minimum=0),
+        number("rmse_lateral_largest_m", "largest lateral RMSE", "m", minimum=0),
+        number("max_lateral_m", "largest lateral error of any plan at any moment", "m", minimum=0),
+        *(
+            number(f"loss_{side}_{motion}", f"mean loss of the {who}, {motion} motion over {time}", minimum=0)
+            for side, who, time in (("av", "AV", "0..T"), ("hv", "followers", "0..H"))
+            for motion in ("planned", "tracked")
+        ),
+        number("share_violating", "share of them whose tracked motion breaks a constraint", minimum=0, maximum=1),
+        count(
+            "contacts", "of the plans driven, those around whose tracked motion somebody drives through another"
+        ),
+        number("share_touching", "share of them whose tracked ellipse touches another", minimum=0, maximum=1),
+        number("share_touching_planned", "the same of the planned motion, at its samples", minimum=0, maximum=1),
+    ),
+)
+
+STUDY_TABLES: Final = (
+    TRACKING_SUMMARY,
+    CROSS_LOSSES,
+    CROSS_SCORES,
+    GAIN_MAP,
+    LEAVE_ONE_OUT,
+    WORSE_FOR_SOMEBODY,
+    HORIZON_LOSSES,
+    HORIZON_SENSITIVITY,
+    PARETO,
+    PARETO_SUMMARY,
+    UNCERTAINTY,
+    FORESIGHT,
+    FORESIGHT_SUMMARY,
+    START_MAP,
+    SOLVER_COMPARISON,
+    SOLVER_SUMMARY,
+)

@@ -1,0 +1,211 @@
+"""The candidates' kernel once more in plain numpy, vectorised over the candidates, from the equations.
+
+``evaluate`` has the signature of ``candidates.evaluate``: the tests compare results, the benchmark times.
+"""
+
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from highd_lc.planning.candidates import LossTerms, Outcomes
+from highd_lc.planning.contacts import NO_CONTACT
+from highd_lc.planning.scene import PackedScene
+from highd_lc.vocab.driver import TABLE3_MEANS
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+Z = np.polynomial.Polynomial([0, 0, 0, 10, -15, 6])
+Q = np.polynomial.Polynomial([0, 0, 0, -4, 7, -3])
+GOLDEN = 0.3819660112501051
+DIRECTIONS = 24
+
+
+def lcm(
+    v: FloatArray, spacing: FloatArray, v_leader: FloatArray, parameters: FloatArray, hardest: float
+) -> FloatArray:
+    """Equations 10 and 11 with the floor and bounded braking; infinite spacing = free road."""
+    v_desire, A, b, B, tau, L = parameters
+    wanted = np.maximum(v**2 / (2 * b) - v_leader**2 / (2 * B) + v * tau + L, L)
+    return np.maximum(A * (1 - v / v_desire - np.exp(np.minimum(1 - spacing / wanted, 40))), -hardest)
+
+
+def evaluate(n: IntArray, delta: FloatArray, change: FloatArray, scene: PackedScene, terms: LossTerms) -> Outcomes:
+    """Losses and first contacts of candidates, each of shape (rows, candidates)."""
+    shape = delta.shape
+    n, delta, change = np.repeat(n, shape[1]), delta.ravel(), change.ravel()
+    x, vx, y, vy, av_T, av_H = _av(n, delta, change, scene, terms)
+    front = x + scene.length / 2
+    hv_T, hv_H, followers = _followers(n, front, vx, scene, terms)
+    firsts = _contacts(n, (x, vx, y, vy), followers, scene)
+    if scene.asks_all:
+        firsts |= _through(n, front, followers, scene)
+    contact, role = np.full(len(n), NO_CONTACT), np.full(len(n), -1)
+    for who in sorted(firsts, key=lambda code: _asked(code, scene)):
+        role = np.where(firsts[who] < contact, who, role)
+        contact = np.minimum(contact, firsts[who])
+    return Outcomes(*(column.reshape(shape) for column in (av_T, av_H, hv_T, hv_H, contact, role)))
+
+
+def speed_loss(v: FloatArray, ref: float, terms: LossTerms) -> FloatArray:
+    """Weighted |v - ref|, or the shortfall alone."""
+    return terms.efficiency * (np.maximum(ref - v, 0) if terms.one_sided else np.abs(v - ref))
+
+
+def charged(loss: FloatArray, n: IntArray) -> FloatArray:
+    """Sums over the samples 0 .. n of each row."""
+    return np.take_along_axis(np.cumsum(loss, axis=1), n[:, None], axis=1)[:, 0]
+
+
+def _av(n: IntArray, delta: FloatArray, change: FloatArray, scene: PackedScene, terms: LossTerms) -> tuple:
+    """The AV's motion, shape (candidates, samples), and its losses to T and to H."""
+    k = np.arange(len(scene.target_v))
+    T = (n * scene.dt)[:, None]
+    u = np.minimum(k / n[:, None], 1.0)
+    d, c = delta[:, None], change[:, None]
+    x = scene.v0 * u * T + d * Z(u) + T * c * Q(u)
+    vx = scene.v0 + d / T * Z.deriv()(u) + c * Q.deriv()(u)
+    y, vy = scene.D * Z(u), scene.D / T * Z.deriv()(u)
+    jerk = np.abs(d / T**3 * Z.deriv(3)(u) + c / T**2 * Q.deriv(3)(u)) + np.abs(scene.D / T**3 * Z.deriv(3)(u))
+    a = np.zeros_like(x)
+    for i in k:
+        after = i >= n
+        if scene.after_lcm:
+            spacing = scene.target_front[i] - x[:, i] - scene.length / 2
+            command = lcm(vx[:, i], spacing, scene.target_v[i], scene.av_parameters, scene.hardest)
+            a[:, i] = np.where(after, command, 0.0)
+        if i:
+            jerk[:, i] = np.where(i > n, np.abs(a[:, i] - a[:, i - 1]) / scene.dt, jerk[:, i])
+            if scene.counts_handover:
+                jerk[:, i] += np.where(i == n + 1, np.abs(a[:, i - 1]) / scene.dt, 0.0)
+        if i + 1 < len(k):
+            v = np.maximum(vx[:, i] + a[:, i] * scene.dt, 0.0)
+            vx[:, i + 1] = np.where(after, v, vx[:, i + 1])
+            x[:, i + 1] = np.where(after, x[:, i] + v * scene.dt, x[:, i + 1])
+    loss = terms.comfort * jerk + speed_loss(np.hypot(vx, vy), terms.av_ref, terms)
+    return x, vx, y, vy, charged(loss, n), loss.sum(axis=1)
+
+
+def _followers(n: IntArray, front: FloatArray, vx: FloatArray, scene: PackedScene, terms: LossTerms) -> tuple:
+    """The followers' losses to T and to H, and their box centres, each of shape (candidates, samples)."""
+    ahead, ahead_v = front.copy(), vx.copy()
+    to_T, to_H, centres = np.zeros(len(n)), np.zeros(len(n)), []
+    inserted = n // 2 if scene.from_crossing else np.zeros_like(n)
+    before = np.arange(front.shape[1]) < inserted[:, None]
+    ahead, ahead_v = np.where(before, scene.target_front, ahead), np.where(before, scene.target_v, ahead_v)
+    for i, parameters in enumerate(scene.parameters):
+        half = scene.follower_length[i] / 2
+        L = np.where(before & (i == 0), scene.first_L, parameters[5])
+        start = scene.follower_x[i] + half, scene.follower_v[i]
+        ahead, ahead_v, a = _follow(ahead, ahead_v, start, (*parameters[:5], L), scene)
+        jerk = np.abs(np.diff(a, axis=1, prepend=a[:, :1])) / scene.dt
+        loss = terms.comfort * jerk + speed_loss(ahead_v, terms.hv_ref[i], terms)
+        to_T, to_H = to_T + terms.weights[i] * charged(loss, n), to_H + terms.weights[i] * loss.sum(axis=1)
+        centres.append(ahead - half)
+    return to_T, to_H, centres
+
+
+def _follow(ahead: FloatArray, ahead_v: FloatArray, start: tuple, parameters: tuple, scene: PackedScene) -> tuple:
+    """Fronts, speeds and commands of a vehicle behind the given fronts and speeds; L may change in time."""
+    front, v, a = (np.empty_like(ahead) for _ in range(3))
+    dt = scene.dt
+    front[:, 0], v[:, 0] = start
+    for k in range(ahead.shape[1]):
+        L = parameters[5][:, k] if np.ndim(parameters[5]) else parameters[5]
+        a[:, k] = lcm(v[:, k], ahead[:, k] - front[:, k], ahead_v[:, k], (*parameters[:5], L), scene.hardest)
+        if k + 1 < ahead.shape[1]:
+            v[:, k + 1] = np.maximum(v[:, k] + a[:, k] * dt, 0.0)
+            front[:, k + 1] = front[:, k] + v[:, k + 1] * dt
+    return front, v, a
+
+
+def _obstacles(n: IntArray, av: tuple, followers: list[FloatArray], scene: PackedScene) -> Iterator[tuple]:
+    """Every obstacle's centre, semi-axes and the last sample at which it counts, in the order of the roles."""
+    x, vx, _, _ = av
+    always = np.full(len(n), x.shape[1] - 1)
+    for i in range(len(scene.leader_a)):
+        yield scene.leader_x[i], scene.leader_y[i], scene.leader_a[i], scene.leader_b[i], always
+    for i, centre in enumerate(followers):
+        yield centre, scene.follower_y[i], scene.follower_a[i], scene.follower_b[i], always
+    if len(scene.origin_follower):
+        x0, y0, v0, length, a, b = scene.origin_follower
+        start = x0 + length / 2, v0
+        front, _, _ = _follow(x + scene.length / 2, vx, start, tuple(TABLE3_MEANS.as_array()), scene)
+        yield front - length / 2, y0, a, b, n // 2
+
+
+def _asked(code: int, scene: PackedScene) -> tuple[int, int]:
+    """When a contact is asked for, which decides between two at the same sample: vehicle by vehicle, foremost
+    first; of a follower, whom it drives through before its ellipse.
+    """
+    count = len(scene.leader_a) + len(scene.follower_x) + (len(scene.origin_follower) > 0)
+    kind, vehicle = divmod(code, count)
+    return vehicle, {0: 2, 1: 1, 2: 0, 3: 3}[kind]
+
+
+def _contacts(n: IntArray, av: tuple, followers: list[FloatArray], scene: PackedScene) -> dict[int, IntArray]:
+    """First sample on the way to which the AV's ellipse meets another, by whose it is."""
+    x, vx, y, vy = av
+    heading = np.where(vy == 0.0, 0.0, np.arctan2(vy, vx))
+    r, k = scene.rear_to_centre, np.arange(x.shape[1])
+    firsts = {}
+    for who, (other_x, other_y, a, b, last) in enumerate(_obstacles(n, av, followers, scene)):
+        dx = other_x - x + r * (1 - np.cos(heading))
+        dy = other_y - y - r * np.sin(heading)
+        # A bound on the distance: nobody moves more than 4 m nearer within a sample.
+        near = (np.hypot(dx, dy) < scene.a + a + 4.0) & (k <= last[:, None])
+        row, at = np.nonzero(near)
+        before = np.maximum(at - 1, 0)
+        way = dx[row, before], dy[row, before], dx[row, at], dy[row, at]
+        met = swept_clearance(*way, heading[row, at], scene.a, scene.b, a, b) < 0.0
+        first = np.full(len(n), NO_CONTACT)
+        np.minimum.at(first, row[met], at[met])
+        firsts[who] = first
+    return firsts
+
+
+def _through(
+    n: IntArray, front: FloatArray, followers: list[FloatArray], scene: PackedScene
+) -> dict[int, IntArray]:
+    """First sample at which a front is past the rear ahead of it, by the numbers of ``contact_words``."""
+    leaders, k = len(scene.leader_a), np.arange(front.shape[1])
+    count = leaders + len(followers) + (len(scene.origin_follower) > 0)
+    inside = k >= (n // 2)[:, None]
+    fronts = [x + length / 2 for x, length in zip(followers, scene.follower_length, strict=True)]
+    rear = scene.target_front - scene.target_length
+    pairs = [(3 * count + leaders - 1, rear, front, inside), (count + leaders, rear, fronts[0], ~inside)]
+    pairs.append((2 * count + leaders, front - scene.length, fronts[0], inside))
+    pairs += [
+        (count + leaders + i, fronts[i - 1] - scene.follower_length[i - 1], fronts[i], inside | True)
+        for i in range(1, len(fronts))
+    ]
+    past = {who: counts & (behind > rears) for who, rears, behind, counts in pairs}
+    return {who: np.where(at.any(axis=1), at.argmax(axis=1), NO_CONTACT) for who, at in past.items()}
+
+
+def swept_clearance(x0, y0, x1, y1, heading, a1, b1, a2, b2):
+    """Smallest distance of two ellipses on the straight way: best of 24 directions, then golden section."""
+
+    def separation(angle):
+        nearest = np.minimum(x0 * np.cos(angle) + y0 * np.sin(angle), x1 * np.cos(angle) + y1 * np.sin(angle))
+        own = np.hypot(a1 * np.cos(angle - heading), b1 * np.sin(angle - heading))
+        return nearest - own - np.hypot(a2 * np.cos(angle), b2 * np.sin(angle))
+
+    step = 2 * np.pi / DIRECTIONS
+    angle = np.arctan2(y1, x1)
+    best = separation(angle)
+    for i in range(DIRECTIONS):
+        value = separation(np.full_like(best, i * step))
+        angle, best = np.where(value > best, i * step, angle), np.maximum(value, best)
+    left, right = angle - step, angle + step
+    one, two = left + GOLDEN * (right - left), right - GOLDEN * (right - left)
+    at_one, at_two = separation(one), separation(two)
+    for _ in range(40):
+        lower = at_one > at_two
+        left, right = np.where(lower, left, one), np.where(lower, two, right)
+        new = np.where(lower, left + GOLDEN * (right - left), right - GOLDEN * (right - left))
+        value = separation(new)
+        one, two = np.where(lower, new, two), np.where(lower, one, new)
+        at_one, at_two = np.where(lower, value, at_two), np.where(lower, at_one, value)
+    return np.maximum(best, np.maximum(at_one, at_two))

@@ -1,0 +1,121 @@
+"""The compiled candidates against their twin in plain numpy, under every convention."""
+
+from dataclasses import replace
+
+import numpy as np
+import planner_twin
+import pytest
+from random_scenes import random_scene, task_of
+
+from highd_lc.planning.candidates import evaluate
+from highd_lc.planning.scene import contact_words, obstacle_roles
+from highd_lc.vocab import names
+from highd_lc.vocab.settings import ValidateSettings
+
+DURATIONS = np.array([20, 31, 47, 64, 83, 100])
+
+
+def candidates(seed: int, count: int = 40) -> tuple[np.ndarray, np.ndarray]:
+    """delta and change of plans that keep a positive speed, the unaccelerated one among them; not whole tiles."""
+    rng = np.random.default_rng(seed)
+    T = DURATIONS[:, None] * 0.1
+    change = rng.uniform(-3, 3, (len(DURATIONS), count))
+    delta = change * T / 2 + rng.uniform(-0.25, 0.25, change.shape) * T**2
+    delta[:, 0] = change[:, 0] = 0.0
+    return delta, change
+
+
+def compared(scene, settings=None, seed=0):
+    task = task_of(scene, settings)
+    arguments = (DURATIONS, *candidates(seed), task.scene, task.terms)
+    return evaluate(*arguments), planner_twin.evaluate(*arguments)
+
+
+def at_rest(motion, x):
+    return None if motion is None else replace(motion, x=np.full(len(motion.x), x), v=0.0 * motion.v)
+
+
+def check(found, wanted):
+    for name in ("av_T", "av_H", "hv_T", "hv_H"):
+        np.testing.assert_allclose(getattr(found, name), getattr(wanted, name), rtol=1e-10, err_msg=name)
+    np.testing.assert_array_equal(found.contact, wanted.contact)
+    np.testing.assert_array_equal(found.role, wanted.role)
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_losses_and_contacts_are_those_of_the_twin(seed):
+    scene = random_scene(np.random.default_rng(seed), p=1 + seed % 4, crowding=1.0 + seed % 3)
+    found, wanted = compared(scene, seed=seed)
+    check(found, wanted)
+
+
+def test_contacts_with_everybody_are_those_of_the_twin():
+    met = set()
+    for seed in range(12):
+        scene = random_scene(np.random.default_rng(seed), p=2, crowding=3.0)
+        # So much faster than the AV that the LCM cannot brake in time.
+        rushing = replace(scene, followers=replace(scene.followers, v=scene.followers.v + np.array([18.0, 25.0])))
+        # A leader that stands just ahead of HV_1, while the AV is still beside it.
+        standing = replace(scene, target_leader=at_rest(scene.target_leader, scene.followers.x[0] + 9.0))
+        for one in (scene, rushing, standing):
+            found, wanted = compared(one)
+            np.testing.assert_array_equal(found.contact, wanted.contact)
+            np.testing.assert_array_equal(found.role, wanted.role)
+            words = contact_words(obstacle_roles(one))
+            met |= {words[i] for i in np.unique(found.role) if i >= 0}
+    roles = (names.ORIGIN_LEADER, names.TARGET_LEADER, names.target_follower(1), names.ORIGIN_FOLLOWER)
+    assert met >= {f"clearance_{role}" for role in roles}
+    first, second = names.target_follower(1), names.target_follower(2)
+    pairs = ((second, first), (first, names.TARGET_LEADER), (names.EGO, names.TARGET_LEADER))
+    assert met >= {f"contact_{names.through(*pair)}" for pair in pairs}
+
+
+@pytest.mark.parametrize(
+    "section",
+    [
+        {"planner": {"after": "constant"}},
+        {"planner": {"leader_from": "crossing"}},
+        {"loss": {"reference": "one-sided"}},
+        {"loss": {"reference": "own"}},
+        {"loss": {"aggregation": "sum"}},
+        {"loss": {"handover": "counted"}},
+        {"loss": {"comfort_scale": 3.0, "efficiency_scale": 25.0, "v_ref_av": 30.0, "v_ref_hv": 25.0}},
+        {"constraints": {"ellipse": "paper"}},
+        {"constraints": {"contacts": "av"}},
+        {"followers": {"b_max": 0.0}},
+        {"followers": {"b_max": 3.0}, "planner": {"leader_from": "crossing"}},
+    ],
+    ids=lambda section: "-".join(f"{k}={v}" for fields in section.values() for k, v in fields.items()),
+)
+def test_every_convention_has_the_same_twin(section):
+    scene = random_scene(np.random.default_rng(3))
+    check(*compared(scene, ValidateSettings.model_validate(section)))
+
+
+def test_nobody_ahead_and_nobody_behind_on_the_old_lane():
+    scene = random_scene(np.random.default_rng(4))
+    check(*compared(replace(scene, target_leader=None, origin_leader=None, origin_follower=None)))
+
+
+def test_a_row_does_not_depend_on_its_company():
+    scene = random_scene(np.random.default_rng(5))
+    task = task_of(scene)
+    delta, change = candidates(1)
+    together = evaluate(DURATIONS, delta, change, task.scene, task.terms)
+    for row in range(len(DURATIONS)):
+        alone = evaluate(
+            DURATIONS[row : row + 1], delta[row : row + 1, 5:6], change[row : row + 1, 5:6], task.scene, task.terms
+        )
+        for one, all_ in zip(alone, together, strict=True):
+            assert one[0, 0] == all_[row, 5]
+
+
+def test_one_simulation_serves_both_ends():
+    # Losses to H are not below those to T, and equal where T is all of H.
+    scene = random_scene(np.random.default_rng(6), horizon=10.0)
+    task = task_of(scene)
+    found = evaluate(DURATIONS, *candidates(2), task.scene, task.terms)
+    assert (found.av_H >= found.av_T).all()
+    assert (found.hv_H >= found.hv_T).all()
+    np.testing.assert_allclose(found.av_H[-1], found.av_T[-1], rtol=1e-12)
+    np.testing.assert_allclose(found.hv_H[-1], found.hv_T[-1], rtol=1e-12)

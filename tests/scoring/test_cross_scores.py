@@ -1,0 +1,132 @@
+import numpy as np
+import pytest
+from random_scenes import random_scene
+
+from highd_lc.core.idm import MOTORWAY, idm_acceleration
+from highd_lc.planning import planner
+from highd_lc.planning.replay import Entry
+from highd_lc.planning.start_planner import replay_start
+from highd_lc.planning.starts import pose_starts
+from highd_lc.scoring import charges
+from highd_lc.scoring.cross_scores import av_charged, idm_followers, lcm_followers
+from highd_lc.scoring.uncertainty import with_parameters
+from highd_lc.vocab import names
+from highd_lc.vocab.settings import LossSettings, PlannerSettings, ValidateSettings
+
+SETTINGS = [
+    ValidateSettings(),
+    ValidateSettings(planner=PlannerSettings(leader_from="crossing"), loss=LossSettings(reference="one-sided")),
+    ValidateSettings(loss=LossSettings(reference="own", aggregation="sum")),
+]
+CASES = [(k, settings) for k in range(4) for settings in SETTINGS]
+
+
+def posed(seed: int, settings: ValidateSettings) -> tuple[planner.PlanningProblem, planner.Plan]:
+    problem = planner.pose(random_scene(np.random.default_rng(seed)), settings)
+    return problem, planner.reference_plans(problem, names.CONSTANT)[0]
+
+
+@pytest.mark.parametrize(("seed", "settings"), CASES)
+def test_with_the_planned_parameters_the_losses_are_those_of_the_replay(seed, settings):
+    problem, plan = posed(seed, settings)
+    av, packed, terms = plan.replay.av, problem.packed, problem.terms
+    same = lcm_followers(av, packed, terms, np.repeat(packed.parameters[None], 3, axis=0))
+    losses = charges.cumulative_losses(plan.replay, terms, settings.loss, packed.dt)
+    for accounting, hv, own in (("paper", same.to_T, 0), ("equal", same.to_H, 1)):
+        expected = charges.losses_at(losses, accounting, terms, n=av.n, dt=packed.dt)
+        assert hv == pytest.approx([expected["loss_hv"]] * 3, rel=1e-9)
+        assert av_charged(av, terms)[own] == pytest.approx(expected["loss_av"], rel=1e-9)
+
+
+@pytest.mark.parametrize(("seed", "settings"), CASES)
+def test_drawn_parameters_give_the_losses_of_an_event_posed_with_them(seed, settings):
+    problem, plan = posed(seed, settings)
+    rng = np.random.default_rng(9)
+    drawn = problem.packed.parameters * rng.uniform(0.9, 1.1, (5, *problem.packed.parameters.shape))
+    together = lcm_followers(plan.replay.av, problem.packed, problem.terms, drawn)
+    for k, one in enumerate(drawn):
+        first_L = problem.packed.first_L + one[0, 5] - problem.packed.parameters[0, 5]
+        packed = problem.packed._replace(parameters=one, first_L=first_L)
+        alone = lcm_followers(plan.replay.av, packed, problem.terms, one[None])
+        assert together.to_T[k] == pytest.approx(alone.to_T[0], rel=1e-9)
+        assert together.to_H[k] == pytest.approx(alone.to_H[0], rel=1e-9)
+
+
+def plain_idm(problem: planner.PlanningProblem, plan: planner.Plan) -> tuple[float, float]:
+    """The twin: followers one instant at a time, losses by ``scoring``."""
+    packed, av = problem.packed, plan.replay.av
+    p, samples = len(packed.follower_x), len(av.x)
+    entry = plan.replay.entry or Entry(1, None, packed.target_front, packed.target_v)
+    joins, since = entry.place - 1, max(av.crossing if packed.from_crossing else 0, entry.hand_over or 0)
+    v, a = np.empty((p, samples)), np.empty((p, samples))
+    fronts, speeds = packed.follower_x + packed.follower_length / 2, packed.follower_v.copy()
+    for k in range(samples):
+        target = (entry.target_front[k], entry.target_v[k], packed.target_length)
+        chain = [target, *zip(fronts, speeds, packed.follower_length, strict=True)]
+        v[:, k] = speeds
+        for i in range(p):
+            ahead = (av.x[k] + packed.length / 2, av.vx[k], packed.length)
+            front, speed, length = ahead if i == joins and k >= since else chain[i]
+            a[i, k] = idm_acceleration.py_func(speeds[i], front - length - chain[i + 1][0], speed, MOTORWAY)
+        speeds = np.maximum(0.0, speeds + a[:, k] * packed.dt)
+        fronts = fronts + speeds * packed.dt
+    settings, terms = problem.settings.loss, problem.terms
+    steps = np.abs(np.diff(a, prepend=a[:, :1])) / packed.dt
+    if entry.hand_over is not None:
+        steps[joins, entry.hand_over] = 0.0
+    comfort = np.cumsum(steps, axis=1) / settings.comfort_scale
+    both = comfort + charges.follower_efficiency(v, terms, settings)
+    loss = 0.5 * terms.weights @ both
+    return loss[av.n], loss[-1]
+
+
+@pytest.mark.parametrize(("seed", "settings"), CASES)
+def test_idm_followers_equal_the_plain_twin(seed, settings):
+    problem, plan = posed(seed, settings)
+    found = idm_followers(plan.replay.av, problem.packed, problem.terms)
+    assert (found.to_T[0], found.to_H[0]) == pytest.approx(plain_idm(problem, plan), rel=1e-9)
+
+
+def plans_into_every_gap(seed: int) -> tuple[planner.PlanningProblem, list[planner.Plan]]:
+    """A plan for some starts of every gap that has one: reached by the search or not, its losses must be right."""
+    settings = ValidateSettings(planner=PlannerSettings(waiting="lcm", latest_end_s=15.0, free_form=False))
+    problem = planner.pose(random_scene(np.random.default_rng(seed)), settings)
+    posed = pose_starts(problem)
+    keys = [
+        (gap, int(d))
+        for gap in range(len(posed.gaps))
+        for d in posed.delays(gap)[:: len(posed.delays(gap)) // 3 or 1]
+    ]
+    quintics = [posed.task(key).quintic(45, 2.0, 0.0) for key in keys]
+    replays = [replay_start(posed, key, quintic) for key, quintic in zip(keys, quintics, strict=True)]
+    return problem, [
+        planner.Plan("start", "equal", names.SOLVED, q, r) for q, r in zip(quintics, replays, strict=True)
+    ]
+
+
+@pytest.mark.parametrize("seed", [3, 5, 6, 14, 23])
+def test_followers_of_a_chosen_start_are_those_of_its_replay_and_of_the_idm_twin(seed):
+    problem, plans = plans_into_every_gap(seed)
+    assert len(plans) > 3
+    packed, terms, settings = problem.packed, problem.terms, problem.settings.loss
+    for plan in plans:
+        av, entry = plan.replay.av, plan.replay.entry
+        same = lcm_followers(av, packed, terms, packed.parameters[None], entry)
+        losses = charges.cumulative_losses(plan.replay, terms, settings, packed.dt)
+        for accounting, hv in (("paper", same.to_T), ("equal", same.to_H)):
+            expected = charges.losses_at(losses, accounting, terms, n=av.n, dt=packed.dt)
+            assert hv[0] == pytest.approx(expected["loss_hv"], rel=1e-9)
+        found = idm_followers(av, packed, terms, entry)
+        assert (found.to_T[0], found.to_H[0]) == pytest.approx(plain_idm(problem, plan), rel=1e-9)
+
+
+def test_drawn_followers_of_a_chosen_start_are_those_of_an_event_posed_with_them():
+    problem, plans = plans_into_every_gap(14)
+    rng = np.random.default_rng(9)
+    drawn = problem.packed.parameters * rng.uniform(0.9, 1.1, (3, *problem.packed.parameters.shape))
+    for plan in plans:
+        av, entry = plan.replay.av, plan.replay.entry
+        together = lcm_followers(av, problem.packed, problem.terms, drawn, entry)
+        for k, one in enumerate(drawn):
+            alone = lcm_followers(av, with_parameters(problem, one).packed, problem.terms, one[None], entry)
+            assert together.to_H[k] == pytest.approx(alone.to_H[0], rel=1e-9)

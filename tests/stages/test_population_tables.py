@@ -1,0 +1,183 @@
+"""Tables of gains from made-up losses whose results can be written down."""
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from highd_lc.stages.population_tables import (
+    cross_scores,
+    gain_map,
+    horizon_sensitivity,
+    leave_one_out,
+    solver_summary,
+    worse_for_somebody,
+)
+from highd_lc.stages.statistics import PolicyLosses
+from highd_lc.vocab import names
+from highd_lc.vocab.settings import StatisticsSettings
+from highd_lc.vocab.tables import TABLES
+
+STATISTICS = StatisticsSettings(bootstrap=200)
+IDS = [f"{1 + k % 4:02d}-{k:04d}-00100" for k in range(20)]
+INFEASIBLE = IDS[7]
+
+
+def made_losses() -> pd.DataFrame:
+    """20 events of 4 recordings; local: AV +1, followers -2 of 10 each; one event infeasible, one bad for HV 2."""
+    rows = []
+    for event in IDS:
+        for accounting in names.ACCOUNTINGS:
+            for policy in names.FIXED_POLICIES:
+                local = policy == names.LOCAL_OPTIMUM
+                av, hv, each = 10.0 + local, 10.0 - 2.0 * local, [8.0 - 2.0 * local, 4.0]
+                if local and event == IDS[3]:
+                    each = [4.0, 5.0]
+                if event == INFEASIBLE:
+                    av, hv, each = np.nan, np.nan, None
+                rows.append((event, int(event[:2]), policy, accounting, av, hv, av + hv, each))
+    columns = [
+        "event_id",
+        "recording_id",
+        "policy",
+        "accounting",
+        "loss_av",
+        "loss_hv",
+        "loss_total",
+        "loss_hv_each",
+    ]
+    return pd.DataFrame(rows, columns=columns).assign(contact="")
+
+
+def made_events() -> pd.DataFrame:
+    frame = pd.DataFrame({"event_id": IDS, "recording_id": [int(i[:2]) for i in IDS]}).set_index("event_id")
+    frame["location_id"] = np.where(frame["recording_id"] <= 3, 1, 6)
+    frame["spacing_m"] = np.linspace(2.0, 130.0, len(IDS))
+    frame["closing_mps"] = np.where(np.arange(len(IDS)) % 2 == 0, -1.0, 7.0)
+    return frame
+
+
+def test_gain_map_counts_every_event_once_and_knows_its_density():
+    tiles = gain_map(made_events(), PolicyLosses(made_losses()), STATISTICS, seed=1)
+    for _, of_cell in tiles.groupby(["form", "accounting"]):
+        assert of_cell["n_events"].sum() == len(IDS)
+        assert of_cell["share_events"].sum() == pytest.approx(1.0)
+        assert of_cell["infeasible"].sum() == 1
+    solved = tiles[tiles["total_benchmark"] > 0]
+    assert solved["gain"].to_numpy() == pytest.approx(1 - 19 / 20)
+    open_end = tiles[tiles["spacing_high_m"].isna()]
+    assert (open_end["spacing_low_m"] == 120).all()
+    assert (tiles["closing_low_mps"].isin([-2.0, 6.0])).all()
+
+
+def test_contacts_are_counted_and_in_no_sum():
+    losses = made_losses()
+    for policy, event in ((names.BENCHMARK, IDS[1]), (names.LOCAL_OPTIMUM, IDS[4])):
+        at = (losses["policy"] == policy) & (losses["event_id"] == event)
+        losses.loc[at, ["contact", "loss_av", "loss_hv", "loss_total"]] = ["a_through_b", np.nan, np.nan, np.nan]
+    tiles = gain_map(made_events(), PolicyLosses(losses), STATISTICS, seed=1)
+    for _, of_cell in tiles.groupby(["form", "accounting"]):
+        assert (of_cell["contacts"].sum(), of_cell["infeasible"].sum()) == (2, 1)
+        assert of_cell["total_benchmark"].sum() == pytest.approx(17 * 20.0)
+    worse = worse_for_somebody(PolicyLosses(losses), STATISTICS)
+    assert not set(worse["event_id"]) & {IDS[1], IDS[4]}
+
+
+def test_leaving_a_location_out_leaves_the_others():
+    left = leave_one_out(made_events(), PolicyLosses(made_losses()), STATISTICS, seed=1).set_index(
+        ["accounting", "location_id"]
+    )
+    row = left.loc[(names.EQUAL, 6)]
+    assert (row["n_left_out"], row["n_events"], row["n_recordings"]) == (5, 15, 3)
+    assert left.loc[(names.EQUAL, 1), "n_events"] == 5
+    assert np.isnan(left.loc[(names.EQUAL, 1), "gain_low"])
+
+
+def test_worse_for_somebody_lists_the_follower_who_pays_and_nobody_else():
+    worse = worse_for_somebody(PolicyLosses(made_losses()), STATISTICS)
+    assert set(worse["event_id"]) == {IDS[3]}
+    assert set(worse["who"]) == {names.target_follower(2)}
+    assert worse["increase"].to_numpy() == pytest.approx(0.25)
+    assert len(worse) == len(names.ACCOUNTINGS)
+
+
+def test_a_total_that_grows_is_listed_too():
+    losses = made_losses()
+    losses.loc[losses["policy"] == names.LOCAL_OPTIMUM, "loss_av"] += 5.0
+    worse = worse_for_somebody(PolicyLosses(losses), STATISTICS)
+    assert set(worse.loc[worse["who"] == "together", "event_id"]) == set(IDS) - {INFEASIBLE}
+
+
+def made_cross() -> pd.DataFrame:
+    rows = made_losses()[["event_id", "recording_id", "policy", "accounting"]].copy()
+    local = rows["policy"] == names.LOCAL_OPTIMUM
+    for model, hv_T, hv_H in (("lcm", 4.0, 10.0), ("idm", 2.0, 20.0), ("lcm_drawn", 6.0, 5.0)):
+        rows[f"hv_to_T_{model}"], rows[f"hv_to_H_{model}"] = hv_T - local, hv_H - 3.0 * local
+    rows["av_to_T"], rows["av_to_H"] = 6.0 + local, 10.0 + local
+    for column in TABLES["cross_losses"].column_names:
+        if column.startswith("contacts_to_"):
+            rows[column] = 0
+    rows["contact_after_T"] = (rows["accounting"] == names.PAPER) & local & (rows["event_id"] == IDS[0])
+    rows.loc[rows["event_id"] == INFEASIBLE, [c for c in rows if c[:2] in ("av", "hv")]] = np.nan
+    return rows
+
+
+@pytest.mark.parametrize(
+    ("scored", "followers", "local", "benchmark"),
+    [("paper", "lcm", 10, 10), ("follower_horizon", "idm", 24, 26), ("equal", "lcm_drawn", 13, 15)],
+)
+def test_cross_scores_add_what_the_accounting_charges(scored, followers, local, benchmark):
+    cells = cross_scores(made_cross(), STATISTICS, seed=1).set_index(["optimised", "scored", "followers"])
+    assert len(cells) == 27
+    row = cells.loc[(names.EQUAL, scored, followers)]
+    assert row["gain"] == pytest.approx(1 - local / benchmark)
+    assert row["total_benchmark"] == pytest.approx(19 * benchmark)
+    assert row["infeasible"] == 1
+
+
+def test_cross_scores_leave_contacts_out_and_say_how_many():
+    made = made_cross()
+    local = (made["accounting"] == names.EQUAL) & (made["policy"] == names.LOCAL_OPTIMUM)
+    gone, drawn = local & (made["event_id"] == IDS[2]), local & (made["event_id"] == IDS[5])
+    made.loc[gone, ["contacts_to_H_idm", "hv_to_H_idm"]] = [1, np.nan]
+    made.loc[drawn, "contacts_to_H_lcm_drawn"] = 3  # the mean is one over the other draws
+    cells = cross_scores(made, STATISTICS, seed=1).set_index(["optimised", "scored", "followers"])
+    idm = cells.loc[(names.EQUAL, names.EQUAL, "idm")]
+    assert (idm["contacts"], idm["infeasible"], idm["total_benchmark"]) == (1, 1, pytest.approx(18 * 30.0))
+    draws = cells.loc[(names.EQUAL, names.EQUAL, "lcm_drawn")]
+    assert (draws["contacts"], draws["infeasible"], draws["total_benchmark"]) == (1, 1, pytest.approx(19 * 15.0))
+    assert cells.loc[(names.EQUAL, names.PAPER, "idm"), "contacts"] == 0
+
+
+def test_cross_scores_count_plans_that_touch_after_their_own_accounting():
+    cells = cross_scores(made_cross(), STATISTICS, seed=1).set_index(["optimised", "scored", "followers"])
+    assert cells.loc[(names.PAPER, names.PAPER, "lcm"), "touching"] == 0
+    assert cells.loc[(names.PAPER, names.EQUAL, "lcm"), "touching"] == 1
+    assert cells.loc[(names.EQUAL, names.EQUAL, "lcm"), "touching"] == 0
+
+
+def test_horizon_sensitivity_has_a_row_a_cell():
+    rows = [
+        (event, int(event[:2]), horizon, names.FIXED, names.EQUAL, horizon, horizon, horizon + 1.0, horizon - 2.0)
+        for event in IDS
+        for horizon in (5.0, 15.0)
+    ]
+    made = pd.DataFrame(rows, columns=list(TABLES["horizon_losses"].column_names))
+    cells = horizon_sensitivity(made, STATISTICS, seed=1).set_index("horizon_s")
+    assert cells["gain"].to_dict() == pytest.approx({5.0: 0.1, 15.0: 1 / 30})
+    assert cells.loc[5.0, "gain_av"] == pytest.approx(-0.2)
+
+
+def test_solver_summary_counts_a_failure_as_worse():
+    cases = pd.DataFrame(
+        {
+            "form": names.FIXED,
+            "omega_av": 0.5,
+            "excess_sqp": [0.0, 0.005, -0.002, np.nan],
+            "excess_single": [0.02, 0.02, 0.0, np.nan],
+        }
+    )
+    row = solver_summary(cases).iloc[0]
+    assert row["n"] == 4
+    assert (row["share_sqp_failed"], row["share_sqp_worse_1"], row["share_sqp_worse_01"]) == (0.25, 0.25, 0.5)
+    assert (row["share_sqp_better_01"], row["share_single_worse_1"]) == (0.25, 0.75)
+    assert row["excess_sqp_min"] == -0.002
