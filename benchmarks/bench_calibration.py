@@ -21,7 +21,7 @@ from highd_lc.drivers.genetic_pymoo import PymooGeneticAlgorithm, minimise_with_
 from highd_lc.drivers.least_squares import STARTS, Screening, descend, screen
 from highd_lc.vocab.settings import CalibrateSettings
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "algorithms"))
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "made"))
 from made_followers import NOISE_FREE, NOISY, follower
 
 FOLLOWERS = 200
@@ -105,7 +105,7 @@ def threads(problem: FitProblem) -> None:
 
 def first_call() -> None:
     """A new process with a warm compile cache, imports and made-up track included."""
-    code = FIRST_CALL.format(tests=str(Path(__file__).parents[1] / "tests" / "algorithms"))
+    code = FIRST_CALL.format(tests=str(Path(__file__).parents[1] / "tests" / "made"))
     times = [
         float(subprocess.run([sys.executable, "-c", code], capture_output=True, check=True).stdout)
         for _ in range(4)

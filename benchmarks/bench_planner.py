@@ -3,7 +3,7 @@
     python benchmarks/bench_planner.py [EVENTS]
 
 Random lane changes; every search serves both weights of the AV under all three accountings. CPU time of one core.
-The numpy twin (tests/algorithms/planner_twin.py) is vectorised over the candidates and finds the same plans.
+The numpy twin (tests/made/planner_twin.py) is vectorised over the candidates and finds the same plans.
 """
 
 import sys
@@ -18,7 +18,7 @@ from highd_lc.planning import pool as pool_module
 from highd_lc.planning.pool import Pool, Task
 from highd_lc.planning.search import search
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "algorithms"))
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "made"))
 import planner_twin
 from random_scenes import GOALS, random_scene, task_of
 

@@ -17,7 +17,7 @@ from highd_lc.planning.search import search
 from highd_lc.planning.sqp import multi_start
 from highd_lc.vocab import names
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "algorithms"))
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "made"))
 from random_scenes import random_scene, task_of
 
 EVENTS = 100

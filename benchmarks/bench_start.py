@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "algorithms"))
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "made"))
 from random_scenes import random_scene
 
 from highd_lc.planning.planner import goals, overlap_at_start, pose

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from highd_lc.core.quintic import Quintic
 from highd_lc.planning import limits
 from highd_lc.planning.candidates import LossTerms, loss_terms
+from highd_lc.planning.lane import first_contact
 from highd_lc.planning.pool import Goal, Pool, Task
 from highd_lc.planning.replay import (
     AvMotion,
@@ -24,8 +25,8 @@ from highd_lc.planning.replay import (
 )
 from highd_lc.planning.scene import PackedScene, Scene, contact_words, obstacle_roles, pack
 from highd_lc.planning.search import nominal_rejections, search
-from highd_lc.scoring import charges
 from highd_lc.vocab import names
+from highd_lc.vocab.policy import ACCOUNTINGS
 from highd_lc.vocab.settings import ValidateSettings
 
 FloatArray = NDArray[np.float64]
@@ -201,11 +202,11 @@ def reference_plans(problem: PlanningProblem, policy: str) -> list[Plan]:
 
 
 def contact_of(problem: PlanningProblem, policy: str, played: Replay, accounting: str) -> str:
-    """Who drives through whom in a policy's replay over the accounted time (``charges.first_contact``), or ""."""
-    _, last = charges.charged_samples(accounting, played.av.n, len(played.av.x) - 1)
+    """Who drives through whom in a policy's replay over the accounted time (``lane.first_contact``), or ""."""
+    _, last = ACCOUNTINGS[accounting].charged(played.av.n, len(played.av.x) - 1)
     joins = policy != names.NO_LANE_CHANGE
     origin = problem.scene.origin_leader
-    return charges.first_contact(played, problem.packed, joins=joins, last=last, origin_leader=origin)
+    return first_contact(played, problem.packed, joins=joins, last=last, origin_leader=origin)
 
 
 def stay(problem: PlanningProblem) -> Replay:

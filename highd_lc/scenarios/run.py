@@ -35,6 +35,7 @@ from highd_lc.scenarios.platoon import (
 )
 from highd_lc.scoring import charges
 from highd_lc.vocab import names
+from highd_lc.vocab.policy import ACCOUNTINGS
 from highd_lc.vocab.scenarios import Changes, RectangleSettings, ScenarioOptions, ScenarioSettings, SectionSettings
 
 FloatArray = NDArray[np.float64]
@@ -154,7 +155,7 @@ def platoon_loss(problem: PlanningProblem, platoon: Platoon, *, accounting: str,
     """Loss of the planned followers in a run of the platoon over the accounted time. n: sample of T."""
     terms, settings, dt = problem.terms, problem.settings.loss, problem.scene.dt
     samples = len(problem.packed.target_v)
-    _, last = charges.charged_samples(accounting, n, samples - 1)
+    _, last = ACCOUNTINGS[accounting].charged(n, samples - 1)
     p = len(terms.weights)
     v, a = platoon.v[:p, :samples], platoon.a[:p, :samples]
     comfort = cumulative_comfort(command_jerk(a, dt), scale=settings.comfort_scale)[:, last]

@@ -36,6 +36,7 @@ from highd_lc.scoring import charges, cross_scores
 from highd_lc.scoring.cross_scores import Charged
 from highd_lc.vocab import names
 from highd_lc.vocab.driver import LOWER_BOUNDS, REPLAY_L_BOUNDS, UPPER_BOUNDS
+from highd_lc.vocab.policy import ACCOUNTINGS
 
 FloatArray = NDArray[np.float64]
 
@@ -320,7 +321,7 @@ def _drive(problem: PlanningProblem, goal: Goal, choice: Choice | None, *, plann
         return Driven(None, np.nan, np.nan, np.nan, False, plannings)
     played = _replay(pose_starts(problem), choice)
     losses = charges.cumulative_losses(played, problem.terms, problem.settings.loss, problem.packed.dt)
-    av_last, hv_last = charges.charged_samples(goal.accounting, played.av.n, len(played.av.x) - 1)
+    av_last, hv_last = ACCOUNTINGS[goal.accounting].charged(played.av.n, len(played.av.x) - 1)
     av = 0.5 * (losses.av_comfort[av_last] + losses.av_efficiency[av_last])
     each = 0.5 * (losses.hv_comfort[:, hv_last] + losses.hv_efficiency[:, hv_last])
     hv = problem.terms.weights @ each

@@ -9,6 +9,7 @@ import pandas as pd
 
 from highd_lc.io import artefacts
 from highd_lc.planning import planner
+from highd_lc.planning.lane import first_contact, pairs
 from highd_lc.planning.planner import Plan, PlanningProblem
 from highd_lc.planning.replay import Replay
 from highd_lc.planning.scene import Scene
@@ -41,6 +42,7 @@ from highd_lc.tracking.plan_tracking import PlanTracker
 from highd_lc.vocab import names
 from highd_lc.vocab.errors import told
 from highd_lc.vocab.job import Combination, Job, JobReport, Problem
+from highd_lc.vocab.policy import ACCOUNTINGS
 from highd_lc.vocab.tables import TABLES
 
 STAGE = "validate"
@@ -194,16 +196,14 @@ class _Scores:
         """Safety of a plan's replay up to sample ``last``."""
         key = id(plan.replay), last
         if key not in self.safe:
-            lane = charges.pairs(plan.replay, self.problem.packed, joins=plan.policy != names.NO_LANE_CHANGE)
+            lane = pairs(plan.replay, self.problem.packed, joins=plan.policy != names.NO_LANE_CHANGE)
             self.safe[key] = charges.safety(lane, last)
         return self.safe[key]
 
     def hv_unchanged(self, last: int) -> float:
         """The followers' loss without a lane change, charged up to sample ``last``; NaN after a contact."""
         unchanged, origin = self.unchanged, self.problem.scene.origin_leader
-        if charges.first_contact(
-            unchanged.replay, self.problem.packed, joins=False, last=last, origin_leader=origin
-        ):
+        if first_contact(unchanged.replay, self.problem.packed, joins=False, last=last, origin_leader=origin):
             return np.nan
         losses = self.losses(self.unchanged.replay)
         both = losses.hv_comfort[:, last] + losses.hv_efficiency[:, last]
@@ -217,7 +217,7 @@ def _loss_row(problem: PlanningProblem, plan: Plan, scores: _Scores) -> Row:
         return row
     dt, terms, settings = problem.scene.dt, problem.terms, problem.settings.loss
     n, last = plan.replay.av.n, len(plan.replay.av.x) - 1
-    _, charged = charges.charged_samples(plan.accounting, n, last)
+    _, charged = ACCOUNTINGS[plan.accounting].charged(n, last)
     row["follower_n_samples"] = len(plan.replay.x) * (charged + 1)
     losses = scores.losses(plan.replay)
     if not plan.contact:

@@ -28,6 +28,7 @@ from highd_lc.scoring import charges
 from highd_lc.tracking.closed_loop import Controller, controller, track
 from highd_lc.tracking.multibody import track_multibody
 from highd_lc.vocab import names
+from highd_lc.vocab.policy import ACCOUNTINGS
 from highd_lc.vocab.tracking import INVALID_REFERENCE, MULTI_BODY, Reference, TrackingResult
 
 FloatArray = NDArray[np.float64]
@@ -220,7 +221,7 @@ class PlanTracker:
         """The followers' loss around a motion over the plan's accounted time."""
         terms, loss, dt = self.problem.terms, self.problem.settings.loss, self.problem.scene.dt
         losses = charges.cumulative_losses(played, terms, loss, dt)
-        _, last = charges.charged_samples(plan.accounting, played.av.n, len(played.av.x) - 1)
+        _, last = ACCOUNTINGS[plan.accounting].charged(played.av.n, len(played.av.x) - 1)
         return float(0.5 * terms.weights @ (losses.hv_comfort[:, last] + losses.hv_efficiency[:, last]))
 
 

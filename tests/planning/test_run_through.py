@@ -7,9 +7,9 @@ import pytest
 from random_scenes import random_scene
 
 from highd_lc.planning import planner
+from highd_lc.planning.lane import first_contact
 from highd_lc.planning.scene import contact_words
 from highd_lc.planning.start_planner import plan_starts
-from highd_lc.scoring import charges
 from highd_lc.scoring.cross_scores import idm_followers, lcm_followers
 from highd_lc.vocab import names
 from highd_lc.vocab.settings import ConstraintSettings, FollowerSettings, ValidateSettings
@@ -125,7 +125,7 @@ def test_draws_with_a_contact_are_told_from_the_others():
         packed = problem.packed._replace(parameters=parameters)
         played = planner.replay(planner.plan_motion(plan.quintic, packed), packed)
         for to_T, last in ((True, played.av.n), (False, len(played.av.x) - 1)):
-            met = charges.first_contact(played, packed, joins=True, last=last)
+            met = first_contact(played, packed, joins=True, last=last)
             assert found.touches(to_T=to_T)[k] == bool(met)
 
 

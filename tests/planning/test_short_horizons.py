@@ -7,6 +7,7 @@ import pytest
 from random_scenes import random_scene
 
 from highd_lc.planning import planner
+from highd_lc.planning.lane import pairs
 from highd_lc.planning.pool import Goal
 from highd_lc.planning.replay import human_motion
 from highd_lc.planning.scene import Human, NextLeader
@@ -88,7 +89,7 @@ def test_the_human_is_driven_by_a_model_only_out_of_view(H, seen_s):
 def test_who_crosses_after_the_accounted_time_never_joins():
     problem = problem_of(2.0)
     plan = planner.reference_plans(problem, names.HUMAN)[0]
-    lane = charges.pairs(plan.replay, problem.packed, joins=True)
+    lane = pairs(plan.replay, problem.packed, joins=True)
     assert all(pair.first > 20 for pair in lane[:2])
 
 
@@ -103,12 +104,12 @@ def test_a_plan_keeps_its_distance_to_who_leads(since):
     gone = NextLeader(since, ahead)
     problem = planner.pose(replace(scene, next_leaders=(gone,)), settings_with(15.0))
     played = planner.reference_plans(problem, names.CONSTANT)[0].replay
-    between = next(p for p in charges.pairs(played, problem.packed, joins=True))
+    between = next(p for p in pairs(played, problem.packed, joins=True))
     rear, own = np.where(np.arange(151) < since, leader.x - leader.length / 2, ahead.x - 6.0), played.av.x
     np.testing.assert_allclose(between.gap, rear - own - scene.length / 2)
     nobody = planner.pose(replace(scene, next_leaders=(NextLeader(since, None),)), settings_with(15.0))
     played = planner.reference_plans(nobody, names.CONSTANT)[0].replay
-    lane = charges.pairs(played, nobody.packed, joins=True)
+    lane = pairs(played, nobody.packed, joins=True)
     assert np.isinf(lane[0].gap[since:]).all()
     assert np.isfinite(charges.safety(lane, 150)["min_gap_m"])
 

@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 from random_scenes import random_scene, task_of
 
+from highd_lc.planning.lane import Pair, pairs
 from highd_lc.planning.planner import pose
 from highd_lc.planning.replay import plan_motion, replay
 from highd_lc.scoring import charges
-from highd_lc.scoring.charges import Pair
 from highd_lc.vocab import names
+from highd_lc.vocab.policy import ACCOUNTINGS
 from highd_lc.vocab.settings import LossSettings, ValidateSettings
 
 
@@ -47,9 +48,9 @@ def test_the_columns_add_up(scored):
 
 
 def test_each_accounting_charges_its_time():
-    assert charges.charged_samples(names.PAPER, 57, 150) == (57, 57)
-    assert charges.charged_samples(names.FOLLOWER_HORIZON, 57, 150) == (57, 150)
-    assert charges.charged_samples(names.EQUAL, 57, 150) == (150, 150)
+    assert ACCOUNTINGS[names.PAPER].charged(57, 150) == (57, 57)
+    assert ACCOUNTINGS[names.FOLLOWER_HORIZON].charged(57, 150) == (57, 150)
+    assert ACCOUNTINGS[names.EQUAL].charged(57, 150) == (150, 150)
 
 
 def test_recorded_followers_count_while_they_are_in_view():
@@ -121,8 +122,8 @@ def test_the_av_joins_between_target_leader_and_first_follower():
     scene = next(s for s in map(random_scene, map(np.random.default_rng, range(9))) if s.target_leader is not None)
     problem = pose(scene, ValidateSettings())
     played = replay(plan_motion(task_of(scene).quintic(60, 0.0, 0.0), problem.packed), problem.packed)
-    joined = charges.pairs(played, problem.packed, joins=True)
-    apart = charges.pairs(played, problem.packed, joins=False)
+    joined = pairs(played, problem.packed, joins=True)
+    apart = pairs(played, problem.packed, joins=False)
     assert [p.first for p in joined] == [30, 30, 0, 0]
     assert [p.first for p in apart] == [0, 0, 0]
     gap = scene.target_leader.x - scene.target_leader.length / 2 - played.av.x - scene.length / 2

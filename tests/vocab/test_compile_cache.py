@@ -13,7 +13,7 @@ from highd_lc.vocab.errors import StorageError
 
 @pytest.fixture
 def package(tmp_path):
-    for layer in ("core", "algorithms", "vocab"):
+    for layer in ("core", "planning", "vocab"):
         (tmp_path / layer).mkdir()
         (tmp_path / layer / "one.py").write_text(f"# {layer}\n")
     return tmp_path
