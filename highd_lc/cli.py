@@ -95,11 +95,15 @@ def _print_confirmed(outcome: Outcome) -> None:
 
 def _print_results(stage: str, options: Options) -> None:
     from highd_lc.io import artefacts
-    from highd_lc.reporting.terminal import lcm_table, matrix_table
+    from highd_lc.reporting.terminal import lcm_table, matrix_table, prediction_table
+    from highd_lc.stages.overview_pages import followers_believed, missing_pages
 
     if stage == "calibrate":
         console.print(lcm_table(artefacts.read(options.work, "summary_lcm")))
+        if not missing_pages(options.work):
+            console.print(prediction_table(artefacts.read(options.work, "prediction_summary")))
     if stage in ("validate", "report"):
+        console.print(*followers_believed(options.work), sep="\n", markup=False, highlight=False)
         console.print(matrix_table(artefacts.read(options.work, "validation_matrix")))
     if stage == "report":
         console.print(f"report: {_page(options)}", soft_wrap=True)

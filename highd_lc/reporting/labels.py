@@ -4,6 +4,8 @@ Colours are Okabe and Ito's palette, told apart by people with any common colour
 end speed are dashed as well, so that no distinction rests on colour alone.
 """
 
+import re
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Final
 
@@ -141,6 +143,56 @@ QUANTITIES: Final = {
 
 FOLLOWER_MODELS: Final = {LCM: "as planned (LCM)", IDM: "IDM", LCM_DRAWN: "drawn LCM parameters"}
 """Who the followers are when plans are scored."""
+
+
+_PREDICTORS: Final = {
+    RECORDED: "recorded",
+    names.CONSTANT_SPEED: "constant speed",
+    names.DECAYING_ACCELERATION: "decaying acceleration",
+    names.DRIFT: "drift and decaying acceleration",
+    names.OWN_FIT: "own fit",
+    names.MEAN: "mean of the fits",
+    names.TABLE3: "Table 3 means",
+    names.IDM: "IDM",
+    names.POPULATION: "population",
+}
+_SUFFIX: Final = {"+": "with", "-": "without"}
+_BORROWED: Final = (
+    names.LOCAL_OPTIMUM,
+    names.BENCHMARK,
+    names.NO_LANE_CHANGE,
+    names.CONSTANT,
+    names.BENCHMARK_FREE,
+    names.LOCAL_OPTIMUM_FREE,
+)
+
+
+def follower_model(name: str) -> str:
+    """A follower model as a reader says it: ``own_fit+relaxation`` is "own fit with relaxation".
+
+    A name that is not known, as of a model that a user adds, stays as it is.
+    """
+    base, *parts = re.split(r"([+-])", name)
+    if base not in _PREDICTORS:
+        return name
+    suffixes = (
+        f" {_SUFFIX[sign]} {part.replace('_', ' ')}" for sign, part in zip(parts[::2], parts[1::2], strict=True)
+    )
+    return _PREDICTORS[base] + "".join(suffixes)
+
+
+def in_order(models: Iterable[str]) -> list[str]:
+    """Follower models once each: the naive ones first, then as they come."""
+    present = list(dict.fromkeys(models))
+    naive = [model for model in names.NAIVE_MODELS if model in present]
+    return naive + [model for model in present if model not in naive]
+
+
+def borrowed_colours(models: Iterable[str], default: str) -> dict[str, str]:
+    """The policy whose colour each follower model is drawn in: the one that plans has the local optimum's."""
+    others = [model for model in models if model != default]
+    places = {model: 1 + k % (len(_BORROWED) - 1) for k, model in enumerate(others)}
+    return {model: _BORROWED[place] for model, place in (places | {default: 0}).items()}
 
 
 _STRATUM_KINDS: Final = {
