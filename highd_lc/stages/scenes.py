@@ -76,12 +76,14 @@ def load_scene(work: Path, event_id: str, settings: ValidateSettings) -> Scene:
     return _scene(next(chosen.itertuples()), tables, settings)
 
 
-def read_scene_tables(work: Path, recording: int, settings: PlannerSettings) -> SceneTables:
-    """Read what the scenes of a recording are made from."""
+def read_scene_tables(
+    work: Path, recording: int, settings: PlannerSettings, *, fits: pd.DataFrame | None = None
+) -> SceneTables:
+    """Read what the scenes of a recording are made from. fits: its followers, where no table has them yet."""
     rows = artefacts.read(work, "event_tracks", recording=recording)
     vehicles = artefacts.read(work, "vehicles", recording=recording)
-    followers = artefacts.read(work, "followers", recording=recording)
-    drivers = _drivers(work, followers, settings)
+    followers = artefacts.read(work, "followers", recording=recording) if fits is None else fits
+    drivers = followers if fits is not None else _drivers(work, followers, settings)
     sizes = zip(vehicles["length"], vehicles["width"], strict=True)
     return SceneTables(
         events=artefacts.read(work, "events", recording=recording),

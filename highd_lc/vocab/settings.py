@@ -134,6 +134,25 @@ class CalibrateSettings(Section):
     study_sample: Annotated[
         int, Field(ge=0, le=100000, description="fitted followers whose identifiability is studied")
     ] = 40
+    models: Annotated[
+        tuple[str, ...],
+        Field(description="follower models whose prediction is judged, beside the one that plans"),
+    ] = (
+        "constant_speed",
+        "decaying_acceleration",
+        "drift",
+        "own_fit",
+        "own_fit@crossing",
+        "own_fit@crossing+memory",
+        "own_fit@crossing+memory+relaxation",
+        "mean",
+        "table3",
+        "idm",
+        "idm@crossing+memory",
+        "population",
+        "population-memory",
+        "population-relaxation",
+    )
     min_window_s: Annotated[
         float, Field(gt=0, le=60, description="shortest car-following window that is fitted [s]")
     ] = 3.0
@@ -193,6 +212,16 @@ class ConstraintSettings(Section):
 class FollowerSettings(Section):
     """How everybody who follows by a model drives, in fits, plans and scores alike."""
 
+    model: Annotated[
+        str,
+        Field(
+            description="follower model that plans: population, own_fit, mean, table3, idm, naive ones, one of a "
+            "researcher's own; @start, @crossing, @0.3, +memory, +relaxation follow it"
+        ),
+    ] = "population"
+    population: Annotated[
+        str, Field(description="file of an exported population to use instead of fitting one; empty = fit")
+    ] = ""
     b_max: Annotated[
         float,
         Field(
