@@ -244,12 +244,22 @@ def synthesize(
     seconds: Annotated[float, typer.Option(min=5, max=3600, help="length of each [s]")] = 90.0,
     seed: Annotated[int, typer.Option(min=0, help="seed")] = 1,
     workers: Annotated[int, typer.Option(min=1, max=256, help="threads")] = 2,
+    pipeline: Annotated[
+        str,
+        typer.Option(
+            help="who drives: recorder_model (all by the LCM at once), demo (the mixture that resembles real drivers), "
+            "recorder_idm, recorder_population, or a file"
+        ),
+    ] = "recorder_model",
 ) -> None:
     """Write synthetic recordings in HighD's format, with their truth beside them."""
     from highd_lc.io import synthetic
 
     with _signals_as_errors():
-        made = synthetic.synthesize(out, recordings=recordings, seconds=seconds, seed=seed, workers=workers)
+        recorder = _settings(pipeline, None).synthetic.recorder
+        made = synthetic.synthesize(
+            out, recordings=recordings, seconds=seconds, seed=seed, settings=recorder, workers=workers
+        )
     console.print(f"{len(made)} recordings in {out}", soft_wrap=True)
 
 

@@ -2,8 +2,8 @@
 
 Its constants are few; each driver is adapted to by what was seen of him before t_start: his acceleration, his
 speed and the time gap that he kept. The fit minimises the mean over responses of a power of the root mean
-square error of speed, drawn towards a stated prior with the weight of a few responses, by a Levenberg-Marquardt descent on
-reweighted squares; the moment from which the lane changer counts as leader is chosen among ``MOMENTS``.
+square error of speed, drawn towards a stated prior, by a Levenberg-Marquardt descent on reweighted squares; the
+moment from which the lane changer counts as leader is chosen among ``MOMENTS``.
 """
 
 from collections.abc import Iterator
