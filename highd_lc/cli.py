@@ -247,7 +247,7 @@ def synthesize(
     pipeline: Annotated[
         str,
         typer.Option(
-            help="who drives: recorder_model (all by the LCM at once), demo (the mixture that resembles real drivers), "
+            help="who drives: recorder_model (all by the LCM at once), demo (a mixture like real drivers), "
             "recorder_idm, recorder_population, or a file"
         ),
     ] = "recorder_model",
