@@ -1,6 +1,6 @@
 """Responses: recorded followers behind a lane changer, and the same followers simulated by a follower model.
 
-Every model is one equation with constants of its own for each follower (equations.md 3):
+Every model is one equation with constants of its own for each follower (equations.md 3.10):
 
     a = m a_0 + (1 - m) (command(v, s, v_leader) + drift),   m = exp(-t / memory)
 
