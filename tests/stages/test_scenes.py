@@ -6,7 +6,7 @@ import pytest
 from made_tables import PLACE, RATE, SHIFT, rows, speed, tables, torn, way
 
 from highd_lc.planning.scene import obstacle_roles, pack
-from highd_lc.stages.scenes import _grouped, load_scenes
+from highd_lc.stages.scenes import _grouped, scene_makers
 from highd_lc.vocab.errors import ArtefactError
 from highd_lc.vocab.settings import ValidateSettings
 
@@ -34,8 +34,8 @@ GRID = np.arange(151) * 0.1
 
 
 def scene(tracks, settings=None, **about):
-    (made,) = load_scenes(tables(tracks, **about), settings or ValidateSettings())
-    return made
+    ((_, make),) = scene_makers(tables(tracks, **about), settings or ValidateSettings())
+    return make()
 
 
 def motion_of(made, role):
