@@ -85,6 +85,20 @@ POOL: Final = "pool"
 TABLE3: Final = "table3"
 FIT_STATUSES: Final = (FITTED, CLASS_POOL, POOL, TABLE3)
 
+# Follower models (equations.md 3): nothing happens; the drivers' own fits and means; the population.
+CONSTANT_SPEED: Final = "constant_speed"
+DECAYING_ACCELERATION: Final = "decaying_acceleration"
+DRIFT: Final = "drift"
+NAIVE_MODELS: Final = (CONSTANT_SPEED, DECAYING_ACCELERATION, DRIFT)
+OWN_FIT: Final = "own_fit"
+MEAN: Final = "mean"
+IDM: Final = "idm"
+POPULATION: Final = "population"
+# Families of their commands.
+NO_COMMAND: Final = "none"
+LCM: Final = "lcm"
+FAMILIES: Final = (NO_COMMAND, LCM, IDM)
+
 # Vehicle classes as HighD writes them.
 CAR: Final = "Car"
 TRUCK: Final = "Truck"

@@ -10,6 +10,7 @@ from highd_lc.vocab.tables.columns import count as _count
 from highd_lc.vocab.tables.columns import number as _number
 from highd_lc.vocab.tables.columns import single as _single
 from highd_lc.vocab.tables.columns import word as _word
+from highd_lc.vocab.tables.prediction import PREDICTION_TABLES
 from highd_lc.vocab.tables.scenarios import SCENARIO_TABLES
 from highd_lc.vocab.tables.studies import STUDY_TABLES
 from highd_lc.vocab.tables.summaries import FIT_TABLES, SUMMARY_LCM, SUMMARY_LOSSES, VALIDATION_MATRIX
@@ -389,6 +390,7 @@ TABLES: Final = {
         SUMMARY_LOSSES,
         EVENT_PAGES,
         *FIT_TABLES,
+        *PREDICTION_TABLES,
         *STUDY_TABLES,
         *SCENARIO_TABLES,
     )

@@ -1,0 +1,182 @@
+"""Columns of how followers are judged: models, prediction behind the recorded ego, dose-response, externality."""
+
+from typing import Final
+
+from highd_lc.vocab import names
+from highd_lc.vocab.tables.columns import Column, Table, count, number, word
+
+RECORDED: Final = "recorded"
+OBSERVED: Final = "observed"
+CONTROL: Final = "control"
+
+_EVENT = word("event_id", "RR-VVVV-FFFFF: recording, ego, crossing frame")
+_RECORDING = Column("recording_id", "int64", "number in the recording's file name", minimum=0)
+_FOLLOWER = Column("follower", "int64", "rank, 1 = nearest to the ego", minimum=1)
+_MODEL = word("model", "follower model (equations.md 3)")
+_HORIZON = number("horizon_s", "time from t_start", "s", nullable=False, minimum=0)
+
+FOLLOWER_MODELS = Table(
+    "follower_models",
+    "event, follower and model: all that a simulation of that follower needs",
+    ("recording_id", "event_id", "follower", "model"),
+    (
+        _EVENT,
+        _RECORDING,
+        _FOLLOWER,
+        Column("vehicle_id", "int64", "the vehicle's id in its recording", minimum=0),
+        _MODEL,
+        word("family", "equation of the command: none (0), lcm or idm", names.FAMILIES),
+        word("fold", "recordings or blocks of time that the constants come from; empty = not fitted so"),
+        number("v_desire", "desired speed", "m/s"),
+        number("A", "maximum acceleration", "m/s²"),
+        number("b", "deceleration that the driver is willing to use (IDM: comfortable)", "m/s²"),
+        number("B", "deceleration that the driver expects of the leader (LCM)", "m/s²"),
+        number("tau", "perception-reaction time (LCM), desired time gap (IDM)", "s"),
+        number("L", "spacing (LCM) or gap (IDM) at standstill behind the AV or the follower ahead", "m"),
+        number("L_before", "the same behind the target leader", "m"),
+        number("memory_s", "time constant with which the acceleration at t_start fades; 0 = none", "s", minimum=0),
+        number("relaxation_s", "time in which the jump at a change of leader fades; 0 = none", "s", minimum=0),
+        number(
+            "moment",
+            "share of the AV's lateral way from which it is the leader; 0 = start, 0.5 = crossing",
+            minimum=0,
+            maximum=1,
+        ),
+        number("need", "required deceleration from which the driver brakes at once; infinite = never", "m/s²"),
+        number("a_0", "acceleration at t_start that persists", "m/s²"),
+        number("drift", "carriageway's drift added to the command", "m/s²"),
+    ),
+)
+
+PREDICTION = Table(
+    "prediction",
+    "event, follower, model and horizon in view",
+    ("recording_id", "event_id", "follower", "model", "horizon_s"),
+    (
+        _EVENT,
+        _RECORDING,
+        _FOLLOWER,
+        _MODEL,
+        _HORIZON,
+        word("class", "Car or Truck", names.CLASSES),
+        number("spacing_m", "front to front, from the follower to whom it gets as leader, at t_start", "m"),
+        number("closing_mps", "speed over that leader's at t_start", "m/s"),
+        number("speed_mps", "speed at t_start", "m/s"),
+        number("error_speed_mps", "simulated minus recorded speed at the horizon", "m/s"),
+        number("error_position_m", "simulated minus recorded position at the horizon", "m"),
+        number("rmse_speed_mps", "root mean square error of speed from 0 to the horizon", "m/s", minimum=0),
+        number("change_simulated_mps", "simulated change of speed since t_start, drift taken out", "m/s"),
+        number("change_recorded_mps", "recorded change of speed since t_start, drift taken out", "m/s"),
+        number("peak_decel_simulated", "strongest braking of the 1 s-smoothed simulated speed", "m/s²", minimum=0),
+        number("peak_decel_recorded", "strongest braking of the 1 s-smoothed recorded speed", "m/s²", minimum=0),
+        number("comfort_simulated", "normalised comfort sum of the smoothed simulated motion", minimum=0),
+        number("comfort_recorded", "the same of the recorded motion", minimum=0),
+        number("loss_simulated", "loss of the smoothed simulated motion", minimum=0),
+        number("loss_recorded", "loss of the recorded motion, smoothed alike, over the same samples", minimum=0),
+        Column("contact", "bool", "whether the simulated front passes the rear bumper ahead by then"),
+    ),
+)
+
+PREDICTION_SUMMARY = Table(
+    "prediction_summary",
+    "model, stratum and horizon: how HV_1 is predicted behind the recorded ego",
+    ("model", "stratum", "horizon_s"),
+    (
+        _MODEL,
+        word("stratum", "all, a class of one stratification, or a recording"),
+        _HORIZON,
+        count("n_events", "events in view for that long"),
+        *(
+            number(f"{name}{end}", f"{meaning}{bound}", unit)
+            for name, meaning, unit in (
+                ("bias", "mean error of speed, simulated minus recorded", "m/s"),
+                ("mae", "mean absolute error of speed", "m/s"),
+                ("rmse", "root mean square error of speed", "m/s"),
+                ("skill_constant", "1 - mae over that of constant speed", ""),
+                ("skill_naive", "1 - mae over that of the best naive model", ""),
+            )
+            for end, bound in (("", ""), ("_low", ", lower end of the interval"), ("_high", ", upper end"))
+        ),
+        word("best_naive", "naive model with the least mean absolute error there"),
+        number("peak_decel_simulated", "mean peak braking, simulated", "m/s²"),
+        number("peak_decel_recorded", "mean peak braking, recorded", "m/s²"),
+        number("comfort_simulated", "mean comfort sum, simulated"),
+        number("comfort_recorded", "mean comfort sum, recorded"),
+        number("loss_error", "mean absolute difference of HV_1's loss, simulated minus recorded"),
+        count("contacts", "events with a contact by then; part of no other column"),
+        Column("default", "bool", "the model that plans"),
+    ),
+)
+
+DOSE_RESPONSE = Table(
+    "dose_response",
+    "model or recorded, class of spacing and of closing speed, horizon",
+    ("model", "spacing", "closing", "horizon_s"),
+    (
+        _MODEL,
+        word("spacing", "class of the spacing to the ego at t_start [m]"),
+        word("closing", "class of HV_1's speed over the ego's at t_start [m/s]"),
+        _HORIZON,
+        count("n_events", "events in view for that long"),
+        number("change", "mean change of HV_1's speed since t_start, drift taken out", "m/s"),
+        number("sd", "standard deviation of that change", "m/s", minimum=0),
+        number("peak_decel", "mean peak braking of the 1 s-smoothed speed", "m/s²", minimum=0),
+        number("peak_decel_95", "95 % quantile of it", "m/s²", minimum=0),
+        Column("within", "bool", "whether change lies within sd / sqrt(n) of the recorded one", "", True),
+    ),
+)
+
+EXTERNALITY = Table(
+    "externality",
+    "event, horizon and source: what the lane change costs HV_1",
+    ("recording_id", "event_id", "horizon_s", "source"),
+    (
+        _EVENT,
+        _RECORDING,
+        _HORIZON,
+        word("source", "observed, control (mean of the matched followers), or a follower model"),
+        number("loss_change", "HV_1's loss from 0 to the horizon beyond that of keeping its speed of t_start"),
+        count("n_controls", "matched followers that are not cut in on"),
+    ),
+)
+
+EXTERNALITY_BALANCE = Table(
+    "externality_balance",
+    "covariate: how alike followers and matched controls are",
+    ("covariate",),
+    (
+        word("covariate", "what was matched"),
+        count("n", "matched events"),
+        number("mean_event", "mean over the events"),
+        number("mean_control", "mean over their controls"),
+        number("standardised_difference", "difference of the means over the events' standard deviation"),
+    ),
+)
+
+TRAJECTORIES = Table(
+    "trajectories",
+    "event, accounting, policy, follower model, kind, role and sample of 0.1 s",
+    ("event_id", "accounting", "policy", "followers", "kind", "role", "t"),
+    (
+        _EVENT,
+        word("accounting", "over which time each side is charged", names.ACCOUNTINGS),
+        word("policy", "who planned the motion, or recorded", (*names.POLICIES, RECORDED)),
+        word("followers", "follower model that simulated; empty for kind recorded"),
+        word("kind", "recorded, simulated or tracked", ("recorded", "simulated", "tracked")),
+        word("role", "role of the vehicle in the event"),
+        *(
+            Column(name, "float32", meaning, unit)
+            for name, meaning, unit in (
+                ("t", "time from t_start", "s"),
+                ("x", "box centre ahead of the ego's centre at t_start", "m"),
+                ("y", "box centre left of the ego's centre at t_start", "m"),
+                ("vx", "forward speed", "m/s"),
+                ("ax", "forward acceleration; commanded where simulated", "m/s²"),
+            )
+        ),
+    ),
+)
+
+PREDICTION_TABLES: Final = (
+    FOLLOWER_MODELS, PREDICTION, PREDICTION_SUMMARY, DOSE_RESPONSE, EXTERNALITY, EXTERNALITY_BALANCE, TRAJECTORIES,
+)  # fmt: skip
