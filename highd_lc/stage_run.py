@@ -182,7 +182,12 @@ class StageRun:
             return None
         o = self.options
         wanted: ReportRequest = stage_module(self.name).choose(
-            o.work, self.settings.report, reports=o.reports, events=o.events, vector=o.vector
+            o.work,
+            self.settings.report,
+            reports=o.reports,
+            events=o.events,
+            vector=o.vector,
+            model=self.settings.validation.follower_models[0],
         )
         return wanted
 

@@ -78,6 +78,11 @@ class Followers:
     parameters: LCM of each with L moved behind the AV (L_replay), shape (p, 6). L_no_change: L of the first
     one when it stays behind the target leader [m]. recorded: their recorded motions where in view. spread:
     standard deviation of each parameter, 0 where unknown, shape (p, 6); None: of none.
+
+    The rest of their model, each of shape (p,), None: the bare LCM. family: place in ``names.FAMILIES``; memory,
+    relaxation: time constants [s], 0 = none; need: required deceleration from which one brakes at once [m/s^2],
+    infinite = never; a_0: acceleration at t_start that persists; drift: added to every command [m/s^2]. moment:
+    share of the AV's lateral way from which it is the leader; None: the setting ``leader_from``.
     """
 
     x: FloatArray
@@ -89,6 +94,13 @@ class Followers:
     L_no_change: float
     recorded: tuple[Motion, ...]
     spread: FloatArray | None = None
+    family: NDArray[np.int64] | None = None
+    memory: FloatArray | None = None
+    relaxation: FloatArray | None = None
+    need: FloatArray | None = None
+    a_0: FloatArray | None = None
+    drift: FloatArray | None = None
+    moment: float | None = None
 
 
 @dataclass(frozen=True)

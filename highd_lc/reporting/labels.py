@@ -4,11 +4,12 @@ Colours are Okabe and Ito's palette, told apart by people with any common colour
 end speed are dashed as well, so that no distinction rests on colour alone.
 """
 
+import re
 from dataclasses import dataclass
 from typing import Final
 
 from highd_lc.vocab import names
-from highd_lc.vocab.tables.studies import IDM, LCM, LCM_DRAWN
+from highd_lc.vocab.tables.studies import DRAWN, IDM_MOTORWAY
 from highd_lc.vocab.tracking import KINEMATIC, MULTI_BODY
 
 RECORDED: Final = "recorded"
@@ -139,8 +140,38 @@ QUANTITIES: Final = {
 """Quantities of ``summary_losses``."""
 
 
-FOLLOWER_MODELS: Final = {LCM: "as planned (LCM)", IDM: "IDM", LCM_DRAWN: "drawn LCM parameters"}
-"""Who the followers are when plans are scored."""
+_PREDICTORS: Final = {
+    RECORDED: "recorded",
+    names.CONSTANT_SPEED: "constant speed",
+    names.DECAYING_ACCELERATION: "decaying acceleration",
+    names.DRIFT: "drift and decaying acceleration",
+    names.OWN_FIT: "own fit",
+    names.MEAN: "mean of the fits",
+    names.TABLE3: "Table 3 means",
+    names.IDM: "IDM",
+    names.POPULATION: "population",
+}
+_SECOND_OPINIONS: Final = {IDM_MOTORWAY: "IDM, motorway", DRAWN: "drawn parameters"}
+_SUFFIX: Final = {"+": "with", "-": "without"}
+
+
+def follower_model(name: str) -> str:
+    """A follower model as a reader says it: ``own_fit+relaxation`` is "own fit with relaxation".
+
+    A name that is not known, as of a model that a user adds, stays as it is.
+    """
+    base, *parts = re.split(r"([+-])", name)
+    if base not in _PREDICTORS:
+        return name
+    suffixes = (
+        f" {_SUFFIX[sign]} {part.replace('_', ' ')}" for sign, part in zip(parts[::2], parts[1::2], strict=True)
+    )
+    return _PREDICTORS[base] + "".join(suffixes)
+
+
+def scored_with(name: str) -> str:
+    """Who the followers are when plans are scored: a follower model, or a second opinion."""
+    return _SECOND_OPINIONS.get(name) or follower_model(name)
 
 
 _STRATUM_KINDS: Final = {

@@ -23,7 +23,7 @@ from highd_lc.io import artefacts
 from highd_lc.planning import planner
 from highd_lc.planning.planner import FORM_OF, PlanningProblem
 from highd_lc.planning.pool import ON_SURFACE, SurfacePoint, loss_surface
-from highd_lc.planning.replay import AvMotion, drive_on, follow, human_motion, plan_motion
+from highd_lc.planning.replay import AvMotion, box_centre, drive_on, follow, human_motion, plan_motion
 from highd_lc.planning.scene import Motion, PackedScene, Scene, leaders_of
 from highd_lc.planning.start_planner import FORM_OF_START, key_of, replay_start
 from highd_lc.planning.starts import Key, StartProblem, pose_starts
@@ -220,14 +220,9 @@ def _play(problem: PlanningProblem, policy: str, av: AvMotion, followers: Three,
 
 
 def _ego(av: AvMotion, scene: Scene, *, at_rear_axle: bool) -> Path:
-    """The box centre's motion; a planned point is the rear axle, r = wheelbase / 2 behind (equations.md 2)."""
-    speed = np.hypot(av.vx, av.vy)
-    x, y = av.x, av.y
-    if at_rear_axle:
-        heading = np.arctan2(av.vy, av.vx)
-        r = scene.wheelbase / 2.0
-        x, y = x + r * (np.cos(heading) - 1.0), y + r * np.sin(heading)
-    return Path(x, y, speed, av.ax)
+    """The box centre's motion."""
+    x, y = box_centre(av, scene.wheelbase / 2.0 if at_rear_axle else 0.0)
+    return Path(x, y, np.hypot(av.vx, av.vy), av.ax)
 
 
 def surrounding(scene: Scene) -> dict[str, Motion]:
@@ -265,11 +260,13 @@ class RecordingTables:
 
 
 def read_tables(job: Job) -> RecordingTables:
-    """Read everything that the pages of a recording's events show."""
-    scenes = read_scene_tables(job.work, job.recording, job.settings.validation.planner)
+    """Read everything that the pages of a recording's events show, of the default follower model."""
+    scenes = read_scene_tables(job.work, job.recording, job.settings.validation)
     roads = artefacts.read(job.work, "recordings", recording=job.recording)
     ids, directions = (scenes.vehicles[name].tolist() for name in ("vehicle_id", "driving_direction"))
-    rows = {name: _by_event(artefacts.read(job.work, name, recording=job.recording)) for name in _READ}
+    default = job.settings.validation.follower_models[0]
+    found = {name: artefacts.read(job.work, name, recording=job.recording) for name in _READ}
+    rows = {name: _by_event(frame[frame["followers"] == default]) for name, frame in found.items()}
     return RecordingTables(
         scenes=scenes,
         events=tuple(scenes.events.to_dict("records")),

@@ -24,6 +24,7 @@ from highd_lc.stages.scenes import track_of
 from highd_lc.vocab import names
 from highd_lc.vocab.driver import PARAMETERS
 from highd_lc.vocab.settings import StatisticsSettings
+from highd_lc.vocab.tables import TABLES
 
 FloatArray = NDArray[np.float64]
 
@@ -36,21 +37,28 @@ class Overview:
     """What the overview pages of a run are made from.
 
     raw: recorded motion at full resolution; statistics: how the intervals and ties in the artefacts were made;
-    b_max: bound of the simulated followers' braking, as in the settings.
+    b_max: bound of the simulated followers' braking, as in the settings; model: the default follower model.
     """
 
     work: Path
     raw: bool
     statistics: StatisticsSettings
     b_max: float
+    model: str
 
     def read(self, *tables: str, columns: list[str] | None = None) -> dict[str, pd.DataFrame]:
-        """Finished artefacts by their names."""
-        return {name: artefacts.read(self.work, name, columns=columns) for name in tables}
+        """Finished artefacts by their names; of those that follower models made, the rows of the default one."""
+        return {name: self._read(name, columns) for name in tables}
+
+    def _read(self, name: str, columns: list[str] | None) -> pd.DataFrame:
+        if "followers" not in TABLES[name].column_names:
+            return artefacts.read(self.work, name, columns=columns)
+        frame = artefacts.read(self.work, name, columns=columns and [*columns, "followers"])
+        return frame[frame["followers"] == self.model].reset_index(drop=True)
 
     def losses(self) -> pd.DataFrame:
         """The losses without their terms."""
-        return artefacts.read(self.work, "losses", columns=[*_KEY, "loss_av", "loss_hv", "loss_total"])
+        return self._read("losses", [*_KEY, "loss_av", "loss_hv", "loss_total"])
 
 
 def page_of(name: str, overview: Overview) -> bytes:
@@ -65,7 +73,7 @@ def _without_events(name: str, overview: Overview) -> str:
 
 
 def _index(overview: Overview) -> str:
-    plans = artefacts.read(overview.work, "plans", columns=[*_KEY, "status"])
+    (plans,) = overview.read("plans", columns=[*_KEY, "status"]).values()
     run, pages = _run_tables(overview), artefacts.read(overview.work, "event_pages")
     index = IndexTables(run.events, run.crossings, plans, run.losses, run.matrix, pages)
     return index_page(index, raw=overview.raw, says=run_in_short(run))
@@ -77,7 +85,7 @@ def _summary(overview: Overview) -> str:
         events=run.events,
         crossings=run.crossings,
         losses=run.losses,
-        matrix=run.matrix,
+        matrix=artefacts.read(overview.work, "validation_matrix"),
         recordings=run.recordings,
         pages=pages,
         **overview.read("summary_losses", "summary_lcm", "gain_map", "pareto", "pareto_summary"),
@@ -86,7 +94,7 @@ def _summary(overview: Overview) -> str:
 
 
 def _run_tables(overview: Overview) -> RunTables:
-    matrix, worse = (artefacts.read(overview.work, n) for n in ("validation_matrix", "worse_for_somebody"))
+    matrix, worse = overview.read("validation_matrix", "worse_for_somebody").values()
     return RunTables(
         losses=overview.losses(),
         matrix=matrix,

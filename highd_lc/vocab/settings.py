@@ -4,6 +4,7 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
+from highd_lc.vocab import names
 from highd_lc.vocab.recorder import RecorderSettings
 from highd_lc.vocab.tracking import TrackingSettings
 
@@ -193,6 +194,21 @@ class ConstraintSettings(Section):
 class FollowerSettings(Section):
     """How everybody who follows by a model drives, in fits, plans and scores alike."""
 
+    model: Annotated[
+        str,
+        Field(
+            min_length=1,
+            description="follower model that plans: population, own_fit, mean, table3, idm, a naive model, one of "
+            "a researcher's own; @start, @crossing, @0.3, +memory, +relaxation follow it",
+        ),
+    ] = "own_fit"
+    also: Annotated[
+        tuple[Annotated[str, Field(min_length=1)], ...],
+        Field(description="follower models that plan a sample of the events as well"),
+    ] = ("own_fit",)
+    also_sample: Annotated[
+        int, Field(ge=0, le=100000, description="events in that sample, stratified and seeded; 0 = none")
+    ] = 500
     b_max: Annotated[
         float,
         Field(
@@ -246,7 +262,7 @@ class PlannerSettings(Section):
     )
     parameters: Annotated[
         Literal["fitted", "mean", "table3"],
-        Field(description="followers' LCM: fitted to each, mean over all fitted, or Table 3"),
+        Field(description="of followers.model own_fit: fitted to each; mean, table3: that model instead"),
     ] = "fitted"
     human_smoothing_s: Annotated[
         float, Field(gt=0, le=5, description="Savitzky-Golay window over the recorded ego path [s]")
@@ -316,6 +332,26 @@ class ValidateSettings(Section):
     tracking: TrackingSettings = TrackingSettings()
     statistics: StatisticsSettings = StatisticsSettings()
     studies: StudySettings = StudySettings()
+    trajectories: Annotated[
+        Literal["auto", "all", "sample", "none"],
+        Field(description="events whose motions are written; auto = all up to 1,000 events, then a sample of 500"),
+    ] = "auto"
+
+    @property
+    def follower_models(self) -> tuple[str, ...]:
+        """Follower models that plan: the default, for every event, then those for a sample."""
+        default, parameters = self.followers.model, self.planner.parameters
+        if default == names.OWN_FIT and parameters != "fitted":
+            default = parameters
+        return tuple(dict.fromkeys((default, *(self.followers.also if self.followers.also_sample else ()))))
+
+    @model_validator(mode="after")
+    def _one_default_model(self) -> "ValidateSettings":
+        """Parameters of everybody alike are a model of their own, and only one of them can plan."""
+        parameters, model = self.planner.parameters, self.followers.model
+        if parameters != "fitted" and model not in (names.OWN_FIT, parameters):
+            raise ValueError(f"planner.parameters = {parameters}: only with followers.model = {names.OWN_FIT}")
+        return self
 
     @model_validator(mode="after")
     def _within_the_horizon(self) -> "ValidateSettings":
