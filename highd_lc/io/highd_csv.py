@@ -137,7 +137,7 @@ def read_columns(path: Path, fields: Sequence[Field]) -> dict[str, Array]:
         columns = _read_plain(path, header, present) or _read_general(path, header, present)
     except plain_numbers.FAULTS as error:
         raise fault(path, f"cannot be read: {error}") from error
-    unknown = np.full(len(columns[present[0].name]), np.nan)
+    unknown = np.full(max(len(values) for values in columns.values()), np.nan)
     return {f.name: columns.get(f.name, unknown[::EVERY] if f.sampled else unknown) for f in fields}
 
 

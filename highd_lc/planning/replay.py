@@ -140,9 +140,10 @@ def drive_on(
 ) -> None:
     """Fill the AV's motion after sample n: LCM behind the target leader, or constant speed.
 
-    The step of the command onto this drive, from 0, is in the jerk of sample n + 1 if it is counted.
+    The step of the command onto this drive, from the acceleration at n (0 where a plan ends), is in the jerk of
+    sample n + 1 if it is counted.
     """
-    dt = scene.dt
+    dt, before = scene.dt, ax[n]
     v_desire, A, b, B, tau, L = scene.av_parameters
     half = scene.length / 2.0
     for k in range(n, len(x)):
@@ -154,7 +155,7 @@ def drive_on(
         if k > n:
             jerk[k] = abs(command - ax[k - 1]) / dt
         if k == n + 1 and scene.counts_handover:
-            jerk[k] += abs(ax[n]) / dt
+            jerk[k] += abs(ax[n] - before) / dt
         if k + 1 < len(x):
             x[k + 1], vx[k + 1] = advance(x[k], vx[k], command, dt)
             y[k + 1] = y[k]

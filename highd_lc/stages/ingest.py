@@ -16,7 +16,8 @@ from highd_lc.extraction.data_quality import (
     vehicle_facts,
 )
 from highd_lc.io import artefacts, highd
-from highd_lc.io.highd import Parts, Recording, read_recording, split_tracks
+from highd_lc.io.highd import Parts, Recording, input_files, read_recording, split_tracks
+from highd_lc.io.highd_csv import fault
 from highd_lc.stages.cross_checks import Verdict, files_by_kind, findings, verdicts
 from highd_lc.vocab import names
 from highd_lc.vocab.cross_checks import CROSS_CHECKS
@@ -28,6 +29,8 @@ IntArray = NDArray[np.int64]
 STAGE = "ingest"
 # Share of vehicles whose tracks may be broken before it is more than a tracker's usual losses.
 _LARGEST_SHARE_BROKEN = 0.05
+# Most vehicles broken, into parts that are shorter than a lane change by far: no recording of vehicles at all.
+_SHREDDED_SHARE, _SHREDDED_S = 0.5, 1.0
 
 
 def run(job: Job) -> JobReport:
@@ -43,6 +46,7 @@ def run(job: Job) -> JobReport:
     if job.settings.ingest.remove_bias:
         recording = _without_bias(recording, quality)
     parts = split_tracks(recording)
+    _refuse_shreds(parts, job)
     rows = highd.write(job.work, parts.recording, job.provenance)
     vehicles = artefacts.write_part(job, STAGE, "vehicles", _vehicles(parts))
     quality["n_jumps"] = [parts.jumps(direction) for direction in quality["driving_direction"]]
@@ -51,9 +55,26 @@ def run(job: Job) -> JobReport:
     return JobReport({"rows": rows, "vehicles": vehicles}, problems)
 
 
+def _refuse_shreds(parts: Parts, job: Job) -> None:
+    """Raise InputError if frames are missing or positions jump all over the recording: nobody is seen for long."""
+    broken, everybody = _n_broken(parts)
+    seconds = float(parts.recording.road.tracks.index.counts.mean()) / parts.recording.meta.frame_rate
+    if broken > _SHREDDED_SHARE * everybody and seconds < _SHREDDED_S:
+        text = (
+            f"{broken} of {everybody} vehicles miss frames or jump again and again, {len(parts.breaks)} times in "
+            f"all: nobody is followed for more than {seconds:.1f} s on average; are frames left out, ids mixed up?"
+        )
+        raise fault(input_files(job.data, job.recording)[2], text, column="frame")
+
+
+def _n_broken(parts: Parts) -> tuple[int, int]:
+    """Ids that were split, and all ids."""
+    return len({one.vehicle_id for one in parts.breaks}), len(np.unique(parts.recorded_id))
+
+
 def _broken(parts: Parts) -> list[Problem]:
     """What is told of the tracks that were split; no warning any more if they are many."""
-    broken, everybody = len({one.vehicle_id for one in parts.breaks}), len(np.unique(parts.recorded_id))
+    broken, everybody = _n_broken(parts)
     few = broken <= max(1, _LARGEST_SHARE_BROKEN * everybody)
     of_all = "" if few else f"; {broken} of {everybody} vehicles"
     text = parts.in_words()

@@ -83,8 +83,8 @@ def choose(
 ) -> ReportRequest:
     """What to make: pages of the events named (none named: all), and pictures as the settings ask.
 
-    model: the default follower model; vector: further formats of the pictures, "pdf" or "svg". Raises UsageError if
-    an event is not among the usable ones, or a format is another.
+    model: the default follower model; vector: further formats of the pictures, "pdf" or "svg". Raises UsageError
+    if an event is not among the usable ones, or a format is another.
     """
     refuse_senseless(events, vector)
     of_event = known_events(work, events)

@@ -205,6 +205,7 @@ def _scored_by(tracker: PlanTracker, plan: Plan) -> Row:
     assert plan.replay is not None, "asked for plans alone"
     planned = plan.replay.av
     copied = {name: getattr(planned, name).copy() for name in ("x", "y", "vx", "vy", "ax", "jerk")}
+    copied["ax"][planned.n :] = 0.0  # as the plan ends, before anything was driven after it
     played = tracker.around(plan, replace(planned, **copied))
     av = cross_scores.av_charged(played.av, tracker.problem.terms)
     row: Row = {"av_to_T": av[0], "av_to_H": av[1]}

@@ -21,9 +21,9 @@ class CrossCheck:
     this nothing can be said; share: of a vehicle's samples that have to agree; factor: largest between both over
     all its samples instead, which noise and drift of the size of the signal leave alone; biased: a constant of
     each direction is taken off. let_pass: share of vehicles that may disagree without a word (one always may if it
-    is above 0). nearly_all: from this share of a direction's vehicles on it is an error; least: how many
-    vehicles that takes, 0 = never an error, for nothing else reads the column. listed: disagreement of some
-    is a problem (exit code 4), no warning.
+    is above 0). nearly_all: from this share of the vehicles of a direction on it is an error of the recording;
+    least: vehicles that it takes for one, 0 = never one, for nothing else reads the column. listed: disagreement
+    of some is a problem (exit code 4), no warning.
     """
 
     name: str

@@ -50,6 +50,7 @@ _SAME = (
     *(f"encodings: {name} {way}" for name in KINDS for way in _WAYS),
     *(f"encodings: {name} CR" for name in (META, VEHICLES)),
     *(f"rows: {way}" for way in ("shuffled", "time goes back", "blank lines")),
+    *(f"cells: {META} lowerLaneMarkings = {text!r}" for text in ("nan", "NaN", "", " ")),
     *(f"formats: {way}" for way in ("packed", "tracks packed", "upper-case suffixes")),
     *(f"formats: no lower carriageway: {way}" for way in ("empty", "a semicolon", "nan")),
 )  # fmt: skip

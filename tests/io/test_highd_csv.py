@@ -5,6 +5,7 @@ from hypothesis import strategies as st
 
 from highd_lc.io import highd_csv
 from highd_lc.io.highd_csv import Field, read_columns
+from highd_lc.io.plain_numbers import EVERY
 from highd_lc.vocab.errors import InputError
 
 FIELDS = (Field("n", int, 0, 100), Field("x", float, -1000, 1000))
@@ -129,3 +130,25 @@ def test_fast_and_general_way_read_the_same(tmp_path_factory, rows, chunk):
     assert fast is not None
     for name, values in general.items():
         np.testing.assert_array_equal(fast[name], values)
+
+
+@pytest.mark.parametrize("way", ["plain", "general"])
+@pytest.mark.parametrize("rows", [1, EVERY, EVERY + 1, 12_345, 40_000])
+def test_a_sampled_column_is_read_in_some_rows(tmp_path, way, rows):
+    """Wherever it stands, over chunks of the file, and NaN where there is no number, on both ways of reading."""
+    junk = {3 * EVERY: "", 4 * EVERY: "a", 5 * EVERY: "1.5e"}
+    values = [junk.get(row, f"{row % 1000 / 8:.3f}") for row in range(rows)]
+    lines = [f"{value},{row % 100},-,{row % 7}.50,{value}" for row, value in enumerate(values)]
+    text = "first,n,skipped,x,last\n" + "\n".join(lines).replace("-", '"-"' if way == "general" else "-")
+    if way == "general":
+        text = text.replace(",1.50,", ',"1.50",')
+    fields = (Field("last", float, sampled=True), *FIELDS, Field("first", float, sampled=True))
+    fields += (Field("absent", float, optional=True, sampled=True),)
+    found = read_columns(written(tmp_path, text + "\n"), fields)
+    wanted = [np.nan if row in junk else row % 1000 / 8 for row in range(0, rows, EVERY)]
+    assert found["n"].tolist() == [row % 100 for row in range(rows)]
+    assert found["x"].tolist() == [row % 7 + 0.5 for row in range(rows)]
+    np.testing.assert_array_equal(found["first"], wanted)
+    np.testing.assert_array_equal(found["last"], wanted)
+    assert np.isnan(found["absent"]).all()
+    assert len(found["absent"]) == len(wanted)

@@ -86,6 +86,22 @@ def test_the_human_is_driven_by_a_model_only_out_of_view(H, seen_s):
     assert len(plan.replay.av.x) == round(H / 0.1) + 1
 
 
+@pytest.mark.parametrize("a", [-1.5, 0.0, 2.0])
+def test_the_step_onto_the_humans_drive_is_from_its_own_acceleration(a):
+    def comfort(handover):
+        problem = problem_of(15.0)
+        settings = problem.settings.model_copy(
+            update={"loss": problem.settings.loss.model_copy(update={"handover": handover})}
+        )
+        driver = replace(problem.scene.human, ax=problem.scene.human.ax + a)
+        counted = planner.pose(replace(problem.scene, human=driver), settings)
+        return planner.reference_plans(counted, names.HUMAN)[0].replay.av
+
+    counted, uncounted = comfort("counted"), comfort("uncounted")
+    step = abs(uncounted.ax[uncounted.recorded] - a) / 0.1
+    assert counted.jerk.sum() - uncounted.jerk.sum() == pytest.approx(step)
+
+
 def test_who_crosses_after_the_accounted_time_never_joins():
     problem = problem_of(2.0)
     plan = planner.reference_plans(problem, names.HUMAN)[0]

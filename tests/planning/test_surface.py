@@ -5,7 +5,7 @@ import pytest
 from random_scenes import random_scene
 
 from highd_lc.planning import planner
-from highd_lc.planning.pool import LossSurface, loss_surface, surface_points
+from highd_lc.planning.surface import LossSurface, loss_surface, surface_points
 from highd_lc.vocab import names
 from highd_lc.vocab.settings import PlannerSettings, ValidateSettings
 

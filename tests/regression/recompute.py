@@ -5,6 +5,7 @@ the default settings: recorded leaders, LCM after T, followers behind the AV fro
 """
 
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 import pandas as pd
@@ -266,6 +267,27 @@ def plan_losses(event: Event, plan: pd.Series) -> dict[str, float]:
     av = drive(event, plan)
     motion = follow(event, (av.x, av.vx, event.ego.length))
     return av_loss(av, plan["accounting"]) | hv_loss(event, motion, plan["T"], plan["accounting"])
+
+
+def drives_through(event: Event, plan: pd.Series, crossing: int) -> bool:
+    """Whether a front gets past the rear of the vehicle ahead on the target lane within the accounted time.
+
+    crossing: the sample from which the AV is on that lane.
+    """
+    av = drive(event, plan)
+    motion = follow(event, (av.x, av.vx, event.ego.length))
+    cars = [(car, m["x"]) for car, m in zip(event.followers, motion, strict=True)]
+    leader = event.others.get("target_leader")
+    own, ahead = (event.ego, av.x), (None if leader is None else (leader, leader.x))
+    end = (round(av.T / DT) if plan["accounting"] == "paper" else LAST) + 1
+    chain = [(before, after, 0, end) for before, after in pairwise(cars)]
+    chain.append((own, cars[0], crossing, end))
+    if ahead is not None:
+        chain += [(ahead, own, crossing, end), (ahead, cars[0], 0, min(crossing, end))]
+    return any(
+        (before[1] - after[1] - (before[0].length + after[0].length) / 2 < 0)[first:stop].any()
+        for before, after, first, stop in chain
+    )
 
 
 # --- constraints -------------------------------------------------------------------------------------------------

@@ -3,7 +3,7 @@
 import numpy as np
 import pandas as pd
 import pytest
-from recompute import plan_losses, read_event, smallest_clearance
+from recompute import drives_through, plan_losses, read_event, smallest_clearance
 from recompute_start import start_clearance, start_losses
 
 TABLES = ("events", "event_tracks", "vehicles", "followers", "plans", "losses")
@@ -31,9 +31,24 @@ def merged(tables, *, chooses_start):
     return both[both["T"].notna() & (both["policy"].str.endswith("_start") == chooses_start)]
 
 
+def test_contacts_follow_from_the_artefacts(tables, plans):
+    changes = plans[~plans["policy"].isin(["no_lane_change", "human"])]
+    for event_id, rows in changes.groupby("event_id"):
+        event = read_event(tables, event_id)
+        for _, plan in rows.iterrows():
+            met = drives_through(event, plan, round(plan["T"] / 0.1) // 2)
+            assert met == (plan["contact"] != ""), (event_id, plan["policy"], plan["contact"])
+            assert met == np.isnan(plan["loss_total"])
+
+
+def test_nobody_is_commanded_to_brake_harder_than_the_bound(tables):
+    assert tables["losses"]["peak_follower_decel"].max() <= 9.0
+    assert tables["plans"]["braking_after_T"].max() <= 9.0
+
+
 def test_losses_follow_from_the_artefacts(tables, plans):
     assert len(plans) > 0
-    for event_id, rows in plans.groupby("event_id"):
+    for event_id, rows in plans[plans["contact"] == ""].groupby("event_id"):
         event = read_event(tables, event_id)
         for _, plan in rows.iterrows():
             for name, value in plan_losses(event, plan).items():

@@ -47,7 +47,7 @@ def test_the_matrix_shows_every_cell_with_its_interval():
         accounting = {"paper": "Paper", "follower_horizon": "Follower horizon", "equal": "Equal"}[row.accounting]
         cells = shown[form, accounting]
         assert cells[2] == str(row.n_events)
-        assert cells[6:9] == [f"{100 * v:.2f}" for v in (row.gain, row.gain_low, row.gain_high)]
+        assert cells[7:10] == [f"{100 * v:.2f}" for v in (row.gain, row.gain_low, row.gain_high)]
 
 
 def test_the_primary_accounting_leads():
@@ -145,7 +145,7 @@ def test_cross_scores_hold_every_number():
     for form in names.FORMS:
         rows = rows_of(robustness(), after=f'id="cross-{form}"')[1:28]
         gains = table.loc[table["form"] == form, "gain"]
-        assert [row[5] for row in rows] == [f"{100 * g:.2f}".replace("-", "−") for g in gains]
+        assert [row[6] for row in rows] == [f"{100 * g:.2f}".replace("-", "−") for g in gains]
 
 
 def test_those_who_lose_most_come_first_and_are_linked():

@@ -6,6 +6,7 @@ import pytest
 import running
 
 from highd_lc.vocab import names
+from highd_lc.vocab.errors import InputError
 
 
 @pytest.fixture(scope="module")
@@ -31,12 +32,17 @@ def torn(tmp_path, vehicle, first, last, *, move=(0.0, 0.0)):
     tracks.loc[later, "x"] += move[0]
     tracks.loc[later, "y"] += move[1]
     tracks = tracks[~(own & tracks["frame"].between(first, last))]
+    return running.extracted(with_tracks(tmp_path, tracks), tmp_path / "work")
+
+
+def with_tracks(tmp_path, tracks):
+    """A folder with the fixture's metas and other tracks."""
     data = tmp_path / "data"
     data.mkdir()
     tracks.to_csv(data / "01_tracks.csv", index=False)
     for kind in ("tracksMeta", "recordingMeta"):
         (data / f"01_{kind}.csv").write_text((running.FIXTURES / f"01_{kind}.csv").read_text())
-    return running.extracted(data, tmp_path / "work")
+    return data
 
 
 def rows_of(tables, event_id, role):
@@ -105,15 +111,25 @@ def test_frames_missing_after_the_end_change_no_event(clean, event, tmp_path, af
         assert crossing["reason"] == names.CUT_AFTER_END
 
 
+@pytest.mark.parametrize("kept", [2, 3, 5])
+def test_a_recording_in_shreds_is_refused(tmp_path, kept):
+    """Every second, third, fifth frame alone, numbered as before."""
+    tracks = pd.read_csv(running.FIXTURES / "01_tracks.csv")
+    data = with_tracks(tmp_path, tracks[tracks["frame"] % kept == 0])
+    metas = pd.read_csv(data / "01_tracksMeta.csv")
+    metas[metas["id"].isin(tracks.loc[tracks["frame"] % kept == 0, "id"])].to_csv(
+        data / "01_tracksMeta.csv", index=False
+    )
+    with pytest.raises(InputError, match=r"01_tracks\.csv: column 'frame': \d+ of \d+ vehicles miss frames"):
+        running.ingested(data, tmp_path / "work")
+    assert not (tmp_path / "work").exists()
+
+
 def test_rows_of_every_role_are_consecutive_frames(tmp_path):
     """A tracker that loses one row in two hundred, of anybody at any time."""
     tracks = pd.read_csv(running.FIXTURES / "01_tracks.csv")
     lost = np.random.default_rng(1).random(len(tracks)) < 0.005
-    data = tmp_path / "data"
-    data.mkdir()
-    tracks[~lost].to_csv(data / "01_tracks.csv", index=False)
-    for kind in ("tracksMeta", "recordingMeta"):
-        (data / f"01_{kind}.csv").write_text((running.FIXTURES / f"01_{kind}.csv").read_text())
+    data = with_tracks(tmp_path, tracks[~lost])
     report = running.ingested(data, tmp_path / "work")
     (told,) = [p for p in report.problems if "tracks are split" in p.message]
     assert not told.warning  # of so many vehicles it is no tracker's usual loss

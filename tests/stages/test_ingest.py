@@ -7,9 +7,11 @@ import running
 from quintic_recording import Driver, Scene, random_scene, write
 
 from highd_lc.io import artefacts
-from highd_lc.stages import ingest
+from highd_lc.io.synthetic import write_recording
+from highd_lc.stages import cross_checks, ingest
 from highd_lc.vocab.cross_checks import CROSS_CHECKS
 from highd_lc.vocab.errors import InputError
+from highd_lc.vocab.recorder import RecorderSettings
 
 FIXTURES = Path(__file__).parents[1] / "fixtures"
 
@@ -52,6 +54,23 @@ def test_recording_of_another_maker_passes_every_cross_check(tmp_path):
 @pytest.mark.parametrize("recording", [1, 2])
 def test_fixtures_pass_every_cross_check(tmp_path, recording):
     assert ingest.run(running.job(FIXTURES, tmp_path, recording)).problems == ()
+
+
+@pytest.mark.parametrize(
+    ("seconds", "settings"),
+    [
+        (30.0, {"detection_noise_m": 0.05}),
+        (30.0, {"acceleration_bias_mps2": 0.3, "detection_noise_m": 0.05}),
+        (30.0, {"upper_lanes": 2, "lower_lanes": 2, "truck_share": 0.3, "return_share": 0.9}),
+        (30.0, {"upper_lanes": 4, "lower_lanes": 3, "frame_rate": 10.0, "flow_veh_per_h": 2200.0}),
+        (30.0, {"frame_rate": 1.0}),
+        (5.0, {"detection_noise_m": 0.05, "acceleration_bias_mps2": 0.3, "flow_veh_per_h": 200.0}),
+    ],
+    ids=["noise", "bias", "returns", "dense", "slow", "short"],
+)
+def test_what_trackers_leave_is_no_error(tmp_path, seconds, settings):
+    write_recording(tmp_path / "data", 1, seconds, 5, settings=RecorderSettings(**settings))
+    assert [p for p in running.ingested(tmp_path / "data", tmp_path / "work").problems if not p.warning] == []
 
 
 def test_vehicles_are_those_of_the_metas(data, tmp_path):
@@ -195,3 +214,15 @@ def test_other_frame_rates_change_time_only(tmp_path):
         one = tracks[tracks["vehicle_id"] == 1]
         assert np.diff(one["t"]) == pytest.approx(1 / rate)
         assert one["vx"].to_numpy() == pytest.approx(np.diff(one["x"]).mean() * rate, rel=1e-3)
+
+
+def test_every_row_of_the_table_of_checks_is_measured(data, tmp_path):
+    """And neither a row without a measure nor a measure without a row goes unnoticed."""
+    running.ingested(data, tmp_path)
+    quality = artefacts.read_part(tmp_path, "ingest", "recordings", 1)
+    assert set(CROSS_CHECKS) == {c.removeprefix("share_") for c in quality if c.startswith("share_")} - {
+        "outside",
+        "lane_mismatch",
+    }
+    assert all(check.name == name and check.words and check.column for name, check in CROSS_CHECKS.items())
+    assert {check.file for check in CROSS_CHECKS.values()} == set(cross_checks.files_by_kind(data, 1))
