@@ -30,7 +30,7 @@ def matrix_table(matrix: pd.DataFrame) -> Table:
         shares = (row.gain_hv, row.gain_av, row.share_better, row.share_worse)
         interval = _interval(row.gain_low, row.gain_high)
         counts = (str(row.n_events), str(row.infeasible))
-        about = (*((row.followers,) if several else ()), row.form, row.accounting)
+        about = (row.followers, row.form, _SHORT[row.accounting]) if several else (row.form, row.accounting)
         table.add_row(*about, *counts, _percent(row.gain), interval, *(_percent(s, 1) for s in shares))
     return table
 

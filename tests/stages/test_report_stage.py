@@ -219,7 +219,7 @@ def test_top_events_are_those_that_differ_most(work):
         index="event_id", columns="policy", values="loss_total"
     )
     difference = (1 - wide[names.LOCAL_OPTIMUM] / wide[names.BENCHMARK]).abs()
-    assert report.top_events(work, 1) == {difference.idxmax()}
+    assert report.top_events(work, 1, "own_fit") == {difference.idxmax()}
 
 
 def test_pictures_no_longer_wanted_go(work, tmp_path):
