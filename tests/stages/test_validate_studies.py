@@ -145,11 +145,8 @@ def test_what_was_not_driven_has_a_status_and_no_number(work):
     tracking = artefacts.read(work, "tracking")
     missing = tracking[tracking["rmse_lateral_m"].isna()]
     assert set(missing["status"]) <= {names.INFEASIBLE, names.INFEASIBLE_AT_START, "invalid_reference"}
-    assert (
-        missing.drop(columns=["event_id", "recording_id", "followers", "policy", "plant", "status"])
-        .isna()
-        .all(axis=None)
-    )
+    about = ["event_id", "recording_id", "followers", "policy", "plant", "status", "contact"]
+    assert missing.drop(columns=about).isna().all(axis=None)
 
 
 def test_own_horizon_repeats_the_losses(work):
