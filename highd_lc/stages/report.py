@@ -26,7 +26,7 @@ from highd_lc.stages.scenes import scene_makers
 from highd_lc.vocab import names
 from highd_lc.vocab.errors import StorageError, UsageError, told
 from highd_lc.vocab.job import CarryOut, Combination, Job, JobReport, Problem, ReportRequest, one_by_one
-from highd_lc.vocab.settings import ReportSettings
+from highd_lc.vocab.settings import ReportSettings, ValidateSettings
 from highd_lc.vocab.tables import TABLES
 
 
@@ -77,7 +77,7 @@ def choose(
     settings: ReportSettings,
     *,
     reports: Path,
-    model: str = names.OWN_FIT,
+    model: str = ValidateSettings().follower_models[0],
     events: tuple[str, ...] = (),
     vector: tuple[str, ...] = (),
 ) -> ReportRequest:
