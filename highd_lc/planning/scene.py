@@ -79,10 +79,10 @@ class Followers:
     one when it stays behind the target leader [m]. recorded: their recorded motions where in view. spread:
     standard deviation of each parameter, 0 where unknown, shape (p, 6); None: of none.
 
-    The rest of their model, each of shape (p,), None: the bare LCM. family: place in ``names.FAMILIES``; memory,
-    relaxation: time constants [s], 0 = none; need: required deceleration from which one brakes at once [m/s^2],
-    infinite = never; a_0: acceleration at t_start that persists; drift: added to every command [m/s^2]. moment:
-    share of the AV's lateral way from which it is the leader; None: the setting ``leader_from``.
+    The rest says how they react (equations.md 3); left out, it leaves the bare model. family: of
+    ``names.FAMILIES``, whose parameters these are. memory, relaxation [s], need, a_0, drift [m/s^2], moment (share
+    of the AV's lateral way from which it is the leader of who gets it): each of shape (p,); None or NaN: 0, an
+    infinite need, the moment of the setting ``leader_from``.
     """
 
     x: FloatArray
@@ -94,13 +94,13 @@ class Followers:
     L_no_change: float
     recorded: tuple[Motion, ...]
     spread: FloatArray | None = None
-    family: NDArray[np.int64] | None = None
+    family: str = names.LCM
     memory: FloatArray | None = None
     relaxation: FloatArray | None = None
     need: FloatArray | None = None
     a_0: FloatArray | None = None
     drift: FloatArray | None = None
-    moment: float | None = None
+    moment: FloatArray | None = None
 
 
 @dataclass(frozen=True)

@@ -105,13 +105,13 @@ def _behaviour(drivers: Columns) -> dict[str, Any]:
         "parameters": np.stack([drivers[name] for name in PARAMETERS], axis=1).astype(np.float64),
         "L_no_change": float(drivers["L_before"][0]),
         "spread": None,
-        "family": np.array([names.FAMILIES.index(family) for family in drivers["family"]]),
+        "family": str(drivers["family"][0]),
         "memory": drivers["memory_s"].astype(np.float64),
         "relaxation": drivers["relaxation_s"].astype(np.float64),
         "need": drivers["need"].astype(np.float64),
         "a_0": drivers["a_0"].astype(np.float64),
         "drift": drivers["drift"].astype(np.float64),
-        "moment": float(drivers["moment"][0]),
+        "moment": drivers["moment"].astype(np.float64),
     }
 
 

@@ -16,7 +16,7 @@ from highd_lc.vocab.job import Provenance
 from highd_lc.vocab.settings import Settings, ValidateSettings
 from highd_lc.vocab.tables import TABLES
 
-BEHAVIOUR = ("family", "memory", "relaxation", "need", "a_0", "drift", "moment")
+BEHAVIOUR = ("memory", "relaxation", "need", "a_0", "drift", "moment")
 ABOUT = Provenance("settings", {}, 1, "code")
 
 
@@ -44,19 +44,18 @@ def test_a_fitted_driver_is_the_bare_lcm_with_l_behind_the_av():
     expected[5] += LENGTH[1] - 5.0
     np.testing.assert_allclose(scene.followers.parameters, [expected])
     assert scene.followers.L_no_change == pytest.approx(TABLE3_MEANS.L + LENGTH[3] - 5.0)
+    assert scene.followers.family == names.LCM
     assert all(getattr(scene.followers, name) is None for name in BEHAVIOUR)
 
 
-@pytest.mark.parametrize(("family", "code"), [(names.NO_COMMAND, 0), (names.LCM, 1), (names.IDM, 2)])
-def test_a_model_drives_by_its_own_rows(family, code):
+@pytest.mark.parametrize("family", names.FAMILIES)
+def test_a_model_drives_by_its_own_rows(family):
     made, scene = made_scenes(family=family)
     followers = driven_by(scene, names.POPULATION, made).followers
     np.testing.assert_array_equal(followers.parameters, [[26.0, 0.8, 2.0, 1.4, 3.4, 8.6]])
-    assert (followers.L_no_change, followers.moment) == (7.1, 0.4)
-    found = {name: getattr(followers, name).tolist() for name in BEHAVIOUR[:-1]}
-    assert found == {
-        "family": [code], "memory": [6.5], "relaxation": [0.0], "need": [1.5], "a_0": [0.25], "drift": [-0.125],
-    }  # fmt: skip
+    assert (followers.L_no_change, followers.family) == (7.1, family)
+    found = [getattr(followers, name).tolist() for name in BEHAVIOUR]
+    assert found == [[6.5], [0.0], [1.5], [0.25], [-0.125], [0.4]]
     assert followers.spread is None
     for name in ("x", "y", "v", "length", "width"):
         np.testing.assert_array_equal(getattr(followers, name), getattr(scene.followers, name))
