@@ -73,7 +73,7 @@ def _go(stage: str | None, settings: Settings, options: Options, *, browser: boo
         _list([problem for problem in outcome.problems if problem.message not in str(error)])
         raise
     _print_confirmed(outcome)
-    _print_results(list(outcome.counts)[-1], options)
+    _print_results(list(outcome.counts)[-1], options, settings.validation.follower_models[0])
     if browser:
         typer.launch(str(_page(options)))
     _end_with_problems(outcome)
@@ -93,13 +93,17 @@ def _print_confirmed(outcome: Outcome) -> None:
         console.print(f"{text} ({confirmed / n_events:.1%})", soft_wrap=True, highlight=False)
 
 
-def _print_results(stage: str, options: Options) -> None:
+def _print_results(stage: str, options: Options, model: str) -> None:
     from highd_lc.io import artefacts
-    from highd_lc.reporting.terminal import lcm_table, matrix_table
+    from highd_lc.reporting.terminal import lcm_table, matrix_table, prediction_table
+    from highd_lc.stages.overview_pages import followers_believed, missing_pages
 
     if stage == "calibrate":
         console.print(lcm_table(artefacts.read(options.work, "summary_lcm")))
+        if not missing_pages(options.work):
+            console.print(prediction_table(artefacts.read(options.work, "prediction_summary")))
     if stage in ("validate", "report"):
+        console.print(*followers_believed(options.work, model), sep="\n", markup=False, highlight=False)
         console.print(matrix_table(artefacts.read(options.work, "validation_matrix")))
     if stage == "report":
         console.print(f"report: {_page(options)}", soft_wrap=True)
@@ -240,12 +244,22 @@ def synthesize(
     seconds: Annotated[float, typer.Option(min=5, max=3600, help="length of each [s]")] = 90.0,
     seed: Annotated[int, typer.Option(min=0, help="seed")] = 1,
     workers: Annotated[int, typer.Option(min=1, max=256, help="threads")] = 2,
+    pipeline: Annotated[
+        str,
+        typer.Option(
+            help="who drives: recorder_model (all by the LCM at once), demo (a mixture like real drivers), "
+            "recorder_idm, recorder_population, or a file"
+        ),
+    ] = "recorder_model",
 ) -> None:
     """Write synthetic recordings in HighD's format, with their truth beside them."""
     from highd_lc.io import synthetic
 
     with _signals_as_errors():
-        made = synthetic.synthesize(out, recordings=recordings, seconds=seconds, seed=seed, workers=workers)
+        recorder = _settings(pipeline, None).synthetic.recorder
+        made = synthetic.synthesize(
+            out, recordings=recordings, seconds=seconds, seed=seed, settings=recorder, workers=workers
+        )
     console.print(f"{len(made)} recordings in {out}", soft_wrap=True)
 
 

@@ -162,7 +162,7 @@ class StageRun:
         sections: dict[str, list[Section | int | str]] = {
             "ingest": [s.ingest],
             "extract": [s.extract, s.ingest],
-            "calibrate": [s.calibrate, s.validation.followers, s.seed],
+            "calibrate": [s.calibrate, s.validation.followers, s.validation.loss, s.validation.statistics, s.seed],
             "validate": [s.validation, s.seed],
         }
         return sections[self.name]

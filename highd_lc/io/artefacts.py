@@ -306,9 +306,16 @@ def read_tracks(work: Path, recording: int, *, columns: list[str] | None = None)
     return read_partition(work, "tracks", recording, columns=columns)
 
 
-def read_partition(work: Path, name: str, recording: int, *, columns: list[str] | None = None) -> pd.DataFrame:
-    """Read one recording of an artefact that stays divided (see ``vocab.tables.PARTITIONED``)."""
-    return read_file(partition(work, name, recording), name, columns=columns)
+def read_partition(
+    work: Path,
+    name: str,
+    recording: int,
+    *,
+    columns: list[str] | None = None,
+    where: Sequence[Condition] = (),
+) -> pd.DataFrame:
+    """Read one recording of an artefact that stays divided (see ``vocab.tables.PARTITIONED``, ``read``)."""
+    return read_file(partition(work, name, recording), name, columns=columns, where=where)
 
 
 def read_part(

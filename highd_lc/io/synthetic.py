@@ -1,7 +1,7 @@
 """The synthetic recorder: recordings in HighD's format, of simulated traffic whose truth is known.
 
 Beside the three CSVs of a recording stand NN_truth.csv (every lane change) and NN_truth_drivers.csv (every
-driver's LCM parameters); the CSVs themselves hold nothing that a camera could not have seen.
+driver's model, parameters and manner); the CSVs themselves hold nothing that a camera could not have seen.
 
 A fast CSV writer for tables of integers and of numbers with two decimals, as HighD prints them.
 """
@@ -95,6 +95,7 @@ def _put_digits(value: np.int64, buffer: NDArray[np.uint8], at: int) -> int:
 
 
 _TOP_MARGIN, _MEDIAN = 8.5, 4.5
+_DRIFT_STREAM = 3  # beside the recording's own stream, 0, and those of its directions
 DIRECTIONS = (1, 2)
 """Driving directions: 1 = upper carriageway, 2 = lower (equations.md 15.4)."""
 
@@ -151,12 +152,14 @@ def simulate_recording(recording: int, seconds: float, seed: int, *, settings: R
     site = _draw_site(rng, settings)
     flow = settings.flow_veh_per_h * (1 + settings.flow_spread * rng.uniform(-1, 1))
     bias = settings.acceleration_bias_mps2 * rng.uniform(-1, 1)
+    drift = _draw_drifts(np.random.default_rng((seed, recording, _DRIFT_STREAM)), settings)
     films = {
         direction: film_carriageway(
             site.markings(direction),
             (seed, recording, direction),
             flow=flow,
             acceleration_bias=bias if direction == 1 else -bias,
+            drift=drift[direction],
             seconds=seconds,
             settings=settings,
         )
@@ -173,6 +176,12 @@ def truth_of(scene: Scene, frame_rate: float) -> tuple[pd.DataFrame, pd.DataFram
     ]
     truth, drivers = (pd.concat(parts, ignore_index=True) for parts in zip(*tables, strict=True))
     return truth.sort_values(["vehicle_id", "crossing_frame"]), drivers.sort_values("vehicle_id")
+
+
+def _draw_drifts(rng: np.random.Generator, settings: RecorderSettings) -> dict[int, float]:
+    """Acceleration [m/s^2] that all vehicles of a direction have in common; small ones are more frequent."""
+    bound = 0.0 if settings.drivers == "lcm" else settings.drift_mps2
+    return {direction: bound * float(rng.uniform(-1, 1, 2).mean()) for direction in DIRECTIONS}
 
 
 def _draw_site(rng: np.random.Generator, settings: RecorderSettings) -> Site:

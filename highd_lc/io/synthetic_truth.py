@@ -11,7 +11,18 @@ import numpy as np
 import pandas as pd
 
 from highd_lc.traffic.film import Film
-from highd_lc.traffic.lanes import BROKEN_OFF, REFERENCE_LENGTH, RETURN, FloatArray, IntArray, Record, Records
+from highd_lc.traffic.lanes import (
+    BROKEN_OFF,
+    IDM,
+    LCM,
+    LCM_AT_ONCE,
+    REFERENCE_LENGTH,
+    RETURN,
+    FloatArray,
+    IntArray,
+    Record,
+    Records,
+)
 from highd_lc.vocab import names
 from highd_lc.vocab.driver import PARAMETERS
 
@@ -24,6 +35,17 @@ TRUTH_COLUMNS = (
 )  # fmt: skip
 _FINE = 0.001
 _KINDS = {BROKEN_OFF: "broken_off", RETURN: "return"}
+
+_MODELS = {LCM_AT_ONCE: "lcm at once", LCM: "lcm", IDM: "idm"}
+_OF_THE_IDM = {"idm_A": "A", "idm_b": "b", "idm_T": "tau", "idm_s0": "L"}
+_MANNER = {
+    "memory_s": "memory",
+    "relaxation_s": "relaxation",
+    "reaction_moment": "moment",
+    "reaction_strength": "strength",
+    "ignores_s": "ignores",
+    "unrest_mps2": "unrest",
+}
 
 
 @dataclass(frozen=True)
@@ -62,14 +84,34 @@ def truth_table(film: Film, ids: IntArray, *, frame_rate: float) -> pd.DataFrame
 
 
 def drivers_table(film: Film, ids: IntArray) -> pd.DataFrame:
-    """The LCM parameters of the vehicles in view; L applies behind a leader of ``reference_length_m``, and moves
-    with the leader's length."""
+    """The drivers of the vehicles in view: model, its parameters, and how each reacts.
+
+    ``model``: "lcm at once", "lcm" or "idm". Parameters of the LCM; L applies behind a leader of
+    ``reference_length_m``, and moves with the leader's length. idm_A, idm_b [m/s^2], idm_T [s], idm_s0 [m]: the
+    IDM's, with v_desire [m/s]. What is not of a driver's model is empty. memory_s, relaxation_s: times in which an
+    acceleration intended before a cut-in began, and the jump of spacing and leader's speed when it is minded,
+    fade (0 = none);
+    reaction_moment: share of a cut-in's way to the marking from which on it is minded (0 = start, 1 = crossing);
+    ignores_s: how long after the crossing it is not minded all the same; reaction_strength: share of the model's
+    acceleration that is applied; makes_room_mps2: braking for who is about to come in (empty = none); unrest_mps2:
+    standard deviation of an acceleration that nothing explains; drift_mps2: the carriageway's acceleration in
+    common, at 28 m/s.
+    """
     seen = np.flatnonzero(ids)
     vehicles = film.drivers.vehicles[seen]
-    table = pd.DataFrame({name: vehicles[name] for name in PARAMETERS})
-    table.insert(0, "vehicle_id", ids[seen])
-    table.insert(1, "class", np.where(vehicles["truck"], names.TRUCK, names.CAR))
-    table["reference_length_m"] = REFERENCE_LENGTH
+    model, idm = vehicles["model"], vehicles["model"] == IDM
+    table = pd.DataFrame({"vehicle_id": ids[seen], "class": np.where(vehicles["truck"], names.TRUCK, names.CAR)})
+    table["model"] = pd.Series(model).map(_MODELS)
+    table["v_desire"] = vehicles["v_desire"]
+    for name in PARAMETERS[1:]:
+        table[name] = np.where(idm, np.nan, vehicles[name])
+    table["reference_length_m"] = np.where(idm, np.nan, REFERENCE_LENGTH)
+    for column, name in _OF_THE_IDM.items():
+        table[column] = np.where(idm, vehicles[name], np.nan)
+    for column, name in _MANNER.items():
+        table[column] = vehicles[name]
+    table["makes_room_mps2"] = np.where(vehicles["room"] >= 0, vehicles["room"], np.nan)
+    table["drift_mps2"] = film.road.drift
     return table
 
 

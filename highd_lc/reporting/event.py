@@ -98,6 +98,19 @@ class TrackTrace:
 
 
 @dataclass(frozen=True)
+class PredictionTrace:
+    """HV 1 behind the recorded lane changer: its speed as recorded and as each follower model has it [m/s].
+
+    t [s] on a regular grid from t_start on; all of shape (n,), NaN only at the ends. default: the one that plans.
+    """
+
+    t: FloatArray
+    recorded: FloatArray
+    models: Mapping[str, FloatArray]
+    default: str = ""
+
+
+@dataclass(frozen=True)
 class EventReport:
     """Everything that a page or a figure shows of one event.
 
@@ -124,6 +137,7 @@ class EventReport:
     tracking: tuple[Row, ...] = ()
     track_traces: tuple[TrackTrace, ...] = ()
     surface: Surface | None = None
+    prediction: PredictionTrace | None = None
     provenance: tuple[tuple[str, str], ...] = ()
     leads: tuple[tuple[int, str], ...] = ()
 

@@ -10,10 +10,11 @@ from collections.abc import Callable, Iterable, Mapping
 from functools import cache
 from typing import Any, Final
 
+import numpy as np
 from markupsafe import Markup, escape
 
 from highd_lc.reporting import html, labels
-from highd_lc.reporting.event import PAIRS, EventReport, Row
+from highd_lc.reporting.event import PAIRS, EventReport, FloatArray, PredictionTrace, Row
 from highd_lc.reporting.html import bars, cells, number, policy_head
 from highd_lc.vocab import names
 from highd_lc.vocab.driver import PARAMETERS
@@ -130,6 +131,21 @@ def model_error(report: EventReport) -> dict[str, Any] | None:
         "difference": human["loss_hv_simulated"] - human["loss_hv_recorded"],
         "effect": effect,
     }
+
+
+def prediction_rows(trace: PredictionTrace | None) -> list[tuple[str, float, float, float]]:
+    """Of each follower model: its label, how long it can be compared [s], its last error and RMSE [m/s]."""
+    return [] if trace is None else [_prediction_row(trace, m, v) for m, v in trace.models.items()]
+
+
+def _prediction_row(trace: PredictionTrace, model: str, speed: FloatArray) -> tuple[str, float, float, float]:
+    known = np.isfinite(speed) & np.isfinite(trace.recorded)
+    plans = " (plans)" if model == trace.default else ""
+    label = labels.follower_model(model) + plans
+    if not known.any():
+        return label, np.nan, np.nan, np.nan
+    error = (speed - trace.recorded)[known]
+    return label, float(trace.t[known][-1]), float(error[-1]), float(np.sqrt(np.mean(error**2)))
 
 
 def plan_rows(report: EventReport, rows: list[Row]) -> list[dict[str, Any]]:

@@ -12,6 +12,7 @@ into the link, on its own pages and on those that it finds: the result does not 
 import io
 import json
 import math
+import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cache
@@ -72,6 +73,7 @@ _SCRIPT_ESCAPES: Final = {
 PAGES: Final = (
     ("index.html", "Events"),
     ("summary.html", "Summary"),
+    ("prediction.html", "Followers"),
     ("matrix.html", "Validation matrix"),
     ("studies.html", "Robustness"),
     ("start.html", "Start"),
@@ -86,6 +88,13 @@ PAGES: Final = (
 def render(template: str, context: Mapping[str, Any]) -> str:
     """A page from a template of this package and its context."""
     return _template(template).render(context)
+
+
+def without(page: str, missing: Iterable[str]) -> str:
+    """A page whose navigation does not lead to these files of ``PAGES``, which are not made."""
+    for file in missing:
+        page = re.sub(rf'^<a href="(\.\./)?{re.escape(file)}".*\n', "", page, flags=re.MULTILINE)
+    return page
 
 
 @cache

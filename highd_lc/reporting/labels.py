@@ -5,6 +5,7 @@ end speed are dashed as well, so that no distinction rests on colour alone.
 """
 
 import re
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Final
 
@@ -153,6 +154,14 @@ _PREDICTORS: Final = {
 }
 _SECOND_OPINIONS: Final = {IDM_MOTORWAY: "IDM, motorway", DRAWN: "drawn parameters"}
 _SUFFIX: Final = {"+": "with", "-": "without"}
+_BORROWED: Final = (
+    names.LOCAL_OPTIMUM,
+    names.BENCHMARK,
+    names.NO_LANE_CHANGE,
+    names.CONSTANT,
+    names.BENCHMARK_FREE,
+    names.LOCAL_OPTIMUM_FREE,
+)
 
 
 def follower_model(name: str) -> str:
@@ -172,6 +181,20 @@ def follower_model(name: str) -> str:
 def scored_with(name: str) -> str:
     """Who the followers are when plans are scored: a follower model, or a second opinion."""
     return _SECOND_OPINIONS.get(name) or follower_model(name)
+
+
+def in_order(models: Iterable[str]) -> list[str]:
+    """Follower models once each: the naive ones first, then as they come."""
+    present = list(dict.fromkeys(models))
+    naive = [model for model in names.NAIVE_MODELS if model in present]
+    return naive + [model for model in present if model not in naive]
+
+
+def borrowed_colours(models: Iterable[str], default: str) -> dict[str, str]:
+    """The policy whose colour each follower model is drawn in: the one that plans has the local optimum's."""
+    others = [model for model in models if model != default]
+    places = {model: 1 + k % (len(_BORROWED) - 1) for k, model in enumerate(others)}
+    return {model: _BORROWED[place] for model, place in (places | {default: 0}).items()}
 
 
 _STRATUM_KINDS: Final = {

@@ -120,6 +120,7 @@ def _context(report: EventReport, *, raw: bool) -> dict[str, Any]:
         "notices": _notices(report),
         "facts": _facts(report),
         "starts": start_sentences(report),
+        "predicted": event_rows.prediction_rows(report.prediction),
         "losses": event_rows.per_accounting(report.losses, partial(_losses, report)),
         "weights": event_rows.weights(report),
         "recorded": event_rows.model_error(report),

@@ -11,6 +11,7 @@ import pandas as pd
 from highd_lc.reporting import html, labels
 from highd_lc.reporting.event import PAIRS
 from highd_lc.reporting.figures_population import ALL
+from highd_lc.reporting.pages_data import Section
 from highd_lc.vocab import names
 
 _ACCOUNTINGS: Final = (names.EQUAL, names.FOLLOWER_HORIZON, names.PAPER)
@@ -46,10 +47,11 @@ class IndexTables:
     pages: pd.DataFrame
 
 
-def index_page(tables: IndexTables, *, raw: bool = False, says: str = "") -> str:
+def index_page(tables: IndexTables, *, raw: bool = False, says: str = "", believed: Section | None = None) -> str:
     """The index page of a run.
 
-    raw: whether the event pages carry unrounded recorded motion; says: what the run says, see ``run_words``.
+    raw: whether the event pages carry unrounded recorded motion; says: what the run says, see ``run_words``;
+    believed: what stands in front of it, see ``pages_prediction``.
     """
     events, crossings = tables.events, tables.crossings
     excluded = crossings.loc[~crossings["usable"], "reason"].value_counts()
@@ -60,6 +62,7 @@ def index_page(tables: IndexTables, *, raw: bool = False, says: str = "") -> str
         "here": "index.html",
         "raw": raw,
         "says": says,
+        "believed": believed,
         "n_events": len(events),
         "n_recordings": int(events["recording_id"].nunique()),
         "n_crossings": len(crossings),

@@ -3,7 +3,7 @@
 The page on the choice of the start: who waits, what it saves, and what one must know for it.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -51,13 +51,13 @@ _MATRIX_LEAD: Final = (
 )
 
 
-def matrix_page(matrix: pd.DataFrame) -> str:
+def matrix_page(matrix: pd.DataFrame, first: Sequence[Section] = ()) -> str:
     """The validation matrix: form x accounting, then by stratum for the default follower model.
 
-    matrix: ``validation_matrix``.
+    matrix: ``validation_matrix``; first: what stands in front.
     """
-    labelled = with_labels(matrix)
-    return overview_page("matrix.html", "Validation matrix", _matrix_sections(labelled), _MATRIX_LEAD)
+    sections = [*first, *_matrix_sections(with_labels(matrix))]
+    return overview_page("matrix.html", "Validation matrix", sections, _MATRIX_LEAD)
 
 
 def with_labels(matrix: pd.DataFrame) -> pd.DataFrame:

@@ -1,6 +1,6 @@
 """The robustness page: the same question asked under what was not optimised, and on samples of events."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -29,13 +29,16 @@ class StudyTables:
     tracking_summary: pd.DataFrame
 
 
-def studies_page(tables: StudyTables) -> str:
-    """What the gain becomes under other followers, accountings, horizons, parameters, sites and solvers."""
+def studies_page(tables: StudyTables, first: Sequence[Section] = ()) -> str:
+    """What the gain becomes under other followers, accountings, horizons, parameters, sites and solvers.
+
+    first: what stands in front.
+    """
     lead = (
         "A sign proves nothing where the optimum guarantees it. Here the plans are judged by what they were not "
         "made for, and the search by other searches.",
     )
-    return overview_page("studies.html", "Robustness", _sections(tables), lead)
+    return overview_page("studies.html", "Robustness", [*first, *_sections(tables)], lead)
 
 
 def _sections(tables: StudyTables) -> Iterator[Section]:

@@ -49,8 +49,11 @@ class SummaryTables:
     pages: pd.DataFrame
 
 
-def summary_page(tables: SummaryTables, says: Sequence[Said] = ()) -> str:
-    """The results of a run on one page. says: the same in words, see ``run_words``."""
+def summary_page(tables: SummaryTables, says: Sequence[Said] = (), first: Sequence[Section] = ()) -> str:
+    """The results of a run on one page.
+
+    says: the same in words, see ``run_words``; first: what stands in front.
+    """
     lead = (
         f"{len(tables.events)} lane changes of {tables.events['recording_id'].nunique()} recordings.",
         Markup(
@@ -60,7 +63,7 @@ def summary_page(tables: SummaryTables, says: Sequence[Said] = ()) -> str:
         ),
     )
     words = [Section("What this run says", points=tuple(says), anchor="says")] if says else []
-    return overview_page("summary.html", "Summary", [*words, *_sections(tables)], lead)
+    return overview_page("summary.html", "Summary", [*first, *words, *_sections(tables)], lead)
 
 
 def _sections(tables: SummaryTables) -> Iterator[Section]:

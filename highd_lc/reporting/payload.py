@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from highd_lc.core.kinematics import known_spans, level_differences
 from highd_lc.reporting import labels
-from highd_lc.reporting.event import EventReport, FitTrace, Path, Play, Surface, TrackTrace
+from highd_lc.reporting.event import EventReport, FitTrace, Path, Play, PredictionTrace, Surface, TrackTrace
 from highd_lc.vocab import names
 
 FloatArray = NDArray[np.float64]
@@ -72,6 +72,7 @@ def event_payload(report: EventReport, *, raw: bool = False) -> dict[str, Any]:
         "surface": None if report.surface is None else _surface(report.surface, report),
         "fits": {str(rank): _fit(trace, step) for rank, trace in report.fit_traces.items()},
         "tracks": [_track(trace) for trace in report.track_traces],
+        "prediction": None if report.prediction is None else _prediction(report.prediction, step),
     }
 
 
@@ -144,6 +145,21 @@ def _fit(trace: FitTrace, step: float) -> dict[str, Any]:
         "dt": _period(trace.t),
         "recorded": _packed(recorded, step),
         "simulated": _packed([trace.spacing_simulated, trace.speed_simulated], step),
+    }
+
+
+def _prediction(trace: PredictionTrace, step: float) -> dict[str, Any]:
+    """Speeds with their names, colours and dashes: recorded first."""
+    # Simulated speeds begin at the recorded one, so that they are as coarse.
+    colours = labels.borrowed_colours(trace.models, trace.default)
+    looks = [
+        [labels.follower_model(model), colours[model], model in names.NAIVE_MODELS, model == trace.default]
+        for model in trace.models
+    ]
+    return {
+        "dt": _period(trace.t),
+        "looks": [[labels.follower_model(labels.RECORDED), labels.RECORDED, False, True], *looks],
+        **_packed([trace.recorded, *trace.models.values()], step),
     }
 
 

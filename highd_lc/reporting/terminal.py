@@ -3,11 +3,16 @@
 The scenarios' claims on the terminal.
 """
 
+from collections.abc import Iterator
+from typing import Any
+
 import numpy as np
 import pandas as pd
 from rich import box
 from rich.table import Table
 
+from highd_lc.reporting import labels
+from highd_lc.reporting.follower_words import LONG, SHORT, row_of
 from highd_lc.reporting.pages_scenarios import CLAIM_WORDS
 from highd_lc.vocab import names
 
@@ -53,6 +58,59 @@ def lcm_table(summary: pd.DataFrame) -> Table:
         cells = [_beside(ours, paper) for ours, paper in pairs]
         table.add_row(row.quantity, str(row.n), *cells, _percent(row.share_at_bound, 1))
     return table
+
+
+def prediction_table(summary: pd.DataFrame) -> Table | str:
+    """How each follower model predicts HV 1 behind the recorded lane changer; a sentence where nobody is in view.
+
+    summary: ``prediction_summary``.
+    """
+    rows = [(row_of(summary, m, SHORT), row_of(summary, m, LONG)) for m in labels.in_order(summary["model"])]
+    if all(short is None for short, _ in rows):
+        return f"Followers: none is in view for {SHORT:g} s behind the recorded lane changer; none is predicted."
+    table = _table(
+        "Followers: each model behind the recorded lane changer",
+        "skill = 1 - ratio of mean absolute errors of speed, against constant speed and the best naive model; "
+        f"over {SHORT:g} s: interval, bias in m/s, peak braking simulated / recorded in m/s², mean absolute "
+        "error of loss, hits = contacts; * = plans",
+    )
+    table.add_column("model", overflow="fold")
+    headings = (
+        "n",
+        f"skill\n{SHORT:g} s",
+        "interval",
+        f"naive\n{SHORT:g} s",
+        f"skill\n{LONG:g} s",
+        f"naive\n{LONG:g} s",
+        "bias",
+    )
+    for heading in (*headings, "braking", "loss", "hits"):
+        table.add_column(heading, justify="right", no_wrap=True)
+    for short, long in rows:
+        if short is not None:
+            table.add_row(f"{short.model}{' *' * bool(short.default)}", *_predicted(short, long))
+    return table
+
+
+def _predicted(short: Any, long: Any) -> Iterator[str]:
+    yield str(short.n_events)
+    yield _fixed(short.skill_constant)
+    low, high = short.skill_constant_low, short.skill_constant_high
+    yield "-" if np.isnan(low) else f"{_fixed(low)}..{_fixed(high)}"
+    yield _fixed(short.skill_naive)
+    yield from map(_fixed, _skills(long))
+    yield _fixed(short.bias)
+    yield f"{_fixed(short.peak_decel_simulated)}/{_fixed(short.peak_decel_recorded)}"
+    yield _fixed(short.loss_error)
+    yield str(short.contacts)
+
+
+def _skills(row: Any) -> tuple[float, float]:
+    return (np.nan, np.nan) if row is None else (row.skill_constant, row.skill_naive)
+
+
+def _fixed(value: float) -> str:
+    return "-" if np.isnan(value) else f"{value:.2f}"
 
 
 def _table(title: str, caption: str) -> Table:

@@ -2,10 +2,12 @@
 
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import Final
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
+from scipy.special import stdtrit
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -91,6 +93,29 @@ def shares(difference: FloatArray, band: float) -> tuple[float, float, float]:
         return np.nan, np.nan, np.nan
     better, worse = float(np.mean(difference < -band)), float(np.mean(difference > band))
     return better, worse, 1.0 - better - worse
+
+
+LEAST_CLUSTERS: Final = 5
+"""Fewer recordings than this give no interval."""
+
+
+def cluster_interval(
+    numerator: FloatArray, denominator: FloatArray, clusters: IntArray, *, confidence: float
+) -> tuple[float, float]:
+    """Interval of sum(numerator) / sum(denominator) by Student's t over clusters; NaN below five of them.
+
+    The ratio is linearised: its residuals, summed within each cluster, vary over G clusters with G - 1 degrees of
+    freedom (equations.md 12). A mean is the ratio to ones.
+    """
+    names, place = np.unique(clusters, return_inverse=True)
+    count, total = len(names), float(denominator.sum())
+    if count < LEAST_CLUSTERS or total == 0.0:
+        return np.nan, np.nan
+    ratio = float(numerator.sum()) / total
+    residuals = np.bincount(place, weights=numerator - ratio * denominator)
+    error = float(np.sqrt(count / (count - 1.0) * (residuals**2).sum())) / abs(total)
+    reach = float(stdtrit(count - 1, 0.5 + confidence / 2.0)) * error
+    return ratio - reach, ratio + reach
 
 
 def recording_sums(recordings: IntArray, *columns: FloatArray) -> FloatArray:

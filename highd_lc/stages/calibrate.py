@@ -21,14 +21,17 @@ from highd_lc.drivers.pooling import (
 )
 from highd_lc.io import artefacts
 from highd_lc.stages import population_tables
-from highd_lc.stages.scenes import RecordedFollower, recorded_followers, track_of, track_row
+from highd_lc.stages.controls import control_rows
+from highd_lc.stages.prediction import predict, scales
+from highd_lc.stages.responses import Drifts, response_rows
+from highd_lc.stages.scenes import RecordedFollower, read_scene_tables, recorded_followers, track_of, track_row
 from highd_lc.vocab import names
 from highd_lc.vocab.driver import PARAMETERS, TABLE3_MEANS
 from highd_lc.vocab.job import Combination, Job, JobReport
 from highd_lc.vocab.tables import TABLES
 
 STAGE = "calibrate"
-PART_TABLES = ("followers", "follower_tracks")
+PART_TABLES = ("followers", "follower_tracks", "responses", "controls")
 
 NO_LEADER = "no_leader"
 _POOL_METHOD, _PUBLISHED_METHOD = "driver of the pool", "published means"
@@ -52,9 +55,28 @@ def run(job: Job) -> JobReport:
         fits.append(about | _follower_row(follower, fit, job) | {"seed": seed})
         if not fit.reason and follower.track is not None:
             tracks.append(about | track_row(follower.track))
-    for name, rows in (("followers", fits), ("follower_tracks", tracks)):
-        artefacts.write_part(job, STAGE, name, _frame(name, rows))
+    followers = _frame("followers", fits)
+    responses = _responses(job, followers)
+    events = artefacts.read(job.work, "events", recording=job.recording)
+    found = control_rows(job.work, job.recording, responses, events, scales(job.settings))
+    for name, frame in (
+        ("followers", followers),
+        ("follower_tracks", _frame("follower_tracks", tracks)),
+        ("responses", responses),
+        ("controls", _frame("controls", list(found))),
+    ):
+        artefacts.write_part(job, STAGE, name, frame)
     return JobReport({"fitted": len(tracks), "not fitted": len(fits) - len(tracks)})
+
+
+def _responses(job: Job, followers: pd.DataFrame) -> pd.DataFrame:
+    """What the recording's followers did behind the lane changers."""
+    settings = job.settings.validation
+    tables = read_scene_tables(job.work, job.recording, settings, fits=followers)
+    about = artefacts.read(job.work, "recordings", recording=job.recording)
+    location = int(about["location_id"].iloc[0]) if len(about) else 0
+    rows = response_rows(tables, settings, Drifts(tables.vehicles), location=location)
+    return _frame("responses", list(rows))
 
 
 def _frame(name: str, rows: list[Row]) -> pd.DataFrame:
@@ -102,7 +124,7 @@ def _published() -> Row:
 def combine(combination: Combination) -> JobReport:
     """Study the fits, draw them together if wanted, give the unfitted their pools; write the artefacts."""
     work, recordings, settings = combination.work, sorted(combination.recordings), combination.settings.calibrate
-    rows, tracks = (_joined(work, name, recordings) for name in PART_TABLES)
+    rows, tracks = (_joined(work, name, recordings) for name in PART_TABLES[:2])
     lengths = _replay_leader_lengths(work, recordings)
     fitted = [row for row in rows if row["status"] == names.FITTED]
     drivers = _drivers(fitted, tracks)
@@ -129,6 +151,7 @@ def combine(combination: Combination) -> JobReport:
     ):
         groups = iter([artefacts.to_arrow(name, table, combination.provenance)])
         artefacts.write_groups(work, name, groups, combination.provenance)
+    predict(combination, frame)
     return JobReport({"followers": len(rows)})
 
 

@@ -28,7 +28,17 @@ from highd_lc.planning.start_planner import FORM_OF_START, key_of, replay_start
 from highd_lc.planning.starts import Key, StartProblem, pose_starts
 from highd_lc.planning.surface import ON_SURFACE, SurfacePoint, loss_surface
 from highd_lc.reporting import labels
-from highd_lc.reporting.event import Box, EventReport, FitTrace, Path, Play, Row, Surface, TrackTrace
+from highd_lc.reporting.event import (
+    Box,
+    EventReport,
+    FitTrace,
+    Path,
+    Play,
+    PredictionTrace,
+    Row,
+    Surface,
+    TrackTrace,
+)
 from highd_lc.stages.scenes import Columns, SceneTables, read_scene_tables
 from highd_lc.tracking.closed_loop import Controller, controller, errors_and_inputs
 from highd_lc.tracking.plan_tracking import plan_reference
@@ -36,6 +46,7 @@ from highd_lc.vocab import names
 from highd_lc.vocab.driver import PARAMETERS
 from highd_lc.vocab.job import Job
 from highd_lc.vocab.settings import ValidateSettings
+from highd_lc.vocab.tables.prediction import RECORDED
 from highd_lc.vocab.tracking import KINEMATIC, TrackingSettings
 
 FloatArray = NDArray[np.float64]
@@ -247,7 +258,9 @@ _READ: Final = ("plans", "losses", "tracking")
 
 @dataclass(frozen=True)
 class RecordingTables:
-    """What the artefacts hold of one recording; tracks by event and role, other rows by table and event."""
+    """What the artefacts hold of one recording; tracks by event and role, other rows by table and event; behind: of
+    each event, the rows of ``trajectories`` behind its recorded ego.
+    """
 
     scenes: SceneTables
     events: tuple[Row, ...]
@@ -256,6 +269,7 @@ class RecordingTables:
     directions: Mapping[int, int]
     markings: Mapping[int, FloatArray]
     rows: Mapping[str, Mapping[str, tuple[Row, ...]]]
+    behind: Mapping[str, pd.DataFrame]
     provenance: tuple[tuple[str, str], ...]
 
 
@@ -266,6 +280,8 @@ def read_tables(job: Job) -> RecordingTables:
     ids, directions = (scenes.vehicles[name].tolist() for name in ("vehicle_id", "driving_direction"))
     default = job.settings.validation.follower_models[0]
     found = {name: artefacts.read(job.work, name, recording=job.recording) for name in _READ}
+    recorded = [("policy", "==", RECORDED)]
+    behind = artefacts.read_partition(job.work, "trajectories", job.recording, where=recorded)
     rows = {name: _by_event(frame[frame["followers"] == default]) for name, frame in found.items()}
     return RecordingTables(
         scenes=scenes,
@@ -275,6 +291,7 @@ def read_tables(job: Job) -> RecordingTables:
         directions=dict(zip(ids, directions, strict=True)),
         markings=dict(zip(roads["driving_direction"], roads["markings"], strict=True)),
         rows={**rows, "followers": _by_event(scenes.followers)},
+        behind={str(event): rows for event, rows in behind.groupby("event_id")},
         provenance=_provenance(job),
     )
 
@@ -332,7 +349,30 @@ def event_report(event: Row, tables: RecordingTables, scene: Scene, settings: Va
         surface=surface_of(problem, of_event["plans"]),
         provenance=tables.provenance,
         leads=leads(scene),
+        prediction=prediction_trace(tables.behind[event_id], settings.follower_models[0])
+        if event_id in tables.behind
+        else None,
     )
+
+
+def prediction_trace(trajectories: pd.DataFrame, default: str) -> PredictionTrace | None:
+    """HV 1 behind the recorded lane changer, recorded and by each follower model, for an event's page.
+
+    trajectories: an event's rows of that table; default: the model that plans. None if it holds no such rows.
+    """
+    rows = trajectories[trajectories["role"] == names.target_follower(1)]
+    rows = rows[rows["policy"] == RECORDED]
+    # The motion is one, whatever the accounting under which a row stands.
+    rows = rows.assign(k=np.rint(rows["t"].to_numpy(float) / PERIOD).astype(int)).query("k >= 0")
+    rows = rows.drop_duplicates(["kind", "followers", "k"])
+    simulated = rows[rows["kind"] == "simulated"]
+    recorded = rows[rows["kind"] == "recorded"].set_index("k")["vx"]
+    if simulated.empty or recorded.empty:
+        return None
+    grid = np.arange(max(simulated["k"].max(), recorded.index.max()) + 1)
+    models = {m: simulated[simulated["followers"] == m] for m in labels.in_order(simulated["followers"])}
+    speeds = {m: found.set_index("k")["vx"].reindex(grid).to_numpy(float) for m, found in models.items()}
+    return PredictionTrace(PERIOD * grid, recorded.reindex(grid).to_numpy(float), speeds, default)
 
 
 def _path(track: Track, grid: FloatArray) -> Path:

@@ -24,6 +24,7 @@ from highd_lc.vocab.cross_checks import CROSS_CHECKS
 from highd_lc.vocab.errors import InputError
 from highd_lc.vocab.job import Job, JobReport, Problem
 
+FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 STAGE = "ingest"
@@ -94,9 +95,19 @@ def _vehicles(parts: Parts) -> pd.DataFrame:
             "width": metas.width,
             "first_frame": index.frame[index.starts[:-1]],
             "last_frame": index.frame[index.starts[1:] - 1],
+            "mean_acceleration": _mean_accelerations(recording),
             "recorded_id": parts.recorded_id,
         }
     )
+
+
+def _mean_accelerations(recording: Recording) -> FloatArray:
+    """Each vehicle's change of forward speed over its time in view [m/s^2]; NaN for a single row."""
+    index, vx = recording.road.tracks.index, recording.road.tracks.vx
+    first, last = index.starts[:-1], index.starts[1:] - 1
+    seconds = (index.frame[last] - index.frame[first]) / recording.meta.frame_rate
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.asarray(np.where(seconds > 0.0, (vx[last] - vx[first]) / seconds, np.nan))
 
 
 def _without_bias(recording: Recording, quality: pd.DataFrame) -> Recording:

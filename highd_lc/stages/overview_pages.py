@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Final
 
@@ -12,11 +13,15 @@ from numpy.typing import NDArray
 from highd_lc.core.car_following import TIME_STEP, simulate
 from highd_lc.core.drive import hardest_braking
 from highd_lc.io import artefacts
+from highd_lc.reporting import html
 from highd_lc.reporting.event import FitTrace
+from highd_lc.reporting.follower_words import effects_of, followers_say
 from highd_lc.reporting.pages_calibration import CalibrationTables, calibration_page
-from highd_lc.reporting.pages_data import data_page, empty_page, excluded_page
+from highd_lc.reporting.pages_data import Section, data_page, empty_page, excluded_page
 from highd_lc.reporting.pages_index import IndexTables, index_page
 from highd_lc.reporting.pages_population import StartTables, dictionary_page, matrix_page, start_page
+from highd_lc.reporting.pages_prediction import PAGE as PREDICTION_PAGE
+from highd_lc.reporting.pages_prediction import PredictionTables, believed_section, prediction_page
 from highd_lc.reporting.pages_studies import StudyTables, studies_page
 from highd_lc.reporting.pages_summary import SummaryTables, summary_page
 from highd_lc.reporting.run_words import RunTables, nothing_said, run_in_short, run_says
@@ -30,6 +35,7 @@ FloatArray = NDArray[np.float64]
 
 _KEY: Final = ["event_id", "policy", "accounting"]
 _SAFE_STEP_M: Final = 0.1
+_PREDICTION: Final = tuple(n for n in PredictionTables.__dataclass_fields__ if n != "losses")
 
 
 @dataclass(frozen=True)
@@ -60,11 +66,19 @@ class Overview:
         """The losses without their terms."""
         return self._read("losses", [*_KEY, "loss_av", "loss_hv", "loss_total"])
 
+    @cached_property
+    def first(self) -> Section:
+        """What stands in front of every gain: how far the followers can be believed."""
+        return believed_section(
+            followers_believed(self.work, self.model), linked=PREDICTION_PAGE not in missing_pages(self.work)
+        )
+
 
 def page_of(name: str, overview: Overview) -> bytes:
-    """An overview page by its file's name, one of ``OVERVIEW_PAGES``."""
+    """An overview page by its file's name, one of ``OVERVIEW_PAGES`` that is not missing."""
     empty = name in _SHOWN and artefacts.read(overview.work, _SHOWN[name][1], columns=["event_id"]).empty
-    return (_without_events(name, overview) if empty else _MAKERS[name](overview)).encode("utf-8")
+    page = _without_events(name, overview) if empty else _MAKERS[name](overview)
+    return html.without(page, missing_pages(overview.work)).encode("utf-8")
 
 
 def _without_events(name: str, overview: Overview) -> str:
@@ -72,11 +86,28 @@ def _without_events(name: str, overview: Overview) -> str:
     return empty_page(name, _SHOWN[name][0], nothing_said(run), run.crossings)
 
 
+def missing_pages(work: Path) -> tuple[str, ...]:
+    """The overview pages that cannot be made, because the work folder is of a run without their tables."""
+    return () if all(artefacts.path_of(work, n).is_file() for n in _PREDICTION) else (PREDICTION_PAGE,)
+
+
+def followers_believed(work: Path, model: str) -> tuple[str, ...]:
+    """How far the simulated followers of a run can be believed, in words (see ``reporting.follower_words``).
+
+    model: the default follower model.
+    """
+    losses = artefacts.read(work, "losses", columns=[*_KEY, "followers", "loss_hv"])
+    losses = losses[losses["followers"] == model]
+    known = not missing_pages(work)
+    summary = artefacts.read(work, "prediction_summary") if known else None
+    return followers_say(summary, effects_of(losses))
+
+
 def _index(overview: Overview) -> str:
     (plans,) = overview.read("plans", columns=[*_KEY, "status"]).values()
     run, pages = _run_tables(overview), artefacts.read(overview.work, "event_pages")
     index = IndexTables(run.events, run.crossings, plans, run.losses, run.matrix, pages)
-    return index_page(index, raw=overview.raw, says=run_in_short(run))
+    return index_page(index, raw=overview.raw, says=run_in_short(run), believed=overview.first)
 
 
 def _summary(overview: Overview) -> str:
@@ -90,7 +121,7 @@ def _summary(overview: Overview) -> str:
         pages=pages,
         **overview.read("summary_losses", "summary_lcm", "gain_map", "pareto", "pareto_summary"),
     )
-    return summary_page(tables, run_says(run))
+    return summary_page(tables, run_says(run), [overview.first])
 
 
 def _run_tables(overview: Overview) -> RunTables:
@@ -106,11 +137,15 @@ def _run_tables(overview: Overview) -> RunTables:
 
 
 def _matrix(overview: Overview) -> str:
-    return matrix_page(artefacts.read(overview.work, "validation_matrix"))
+    return matrix_page(artefacts.read(overview.work, "validation_matrix"), [overview.first])
 
 
 def _studies(overview: Overview) -> str:
-    return studies_page(StudyTables(**overview.read(*StudyTables.__dataclass_fields__)))
+    return studies_page(StudyTables(**overview.read(*StudyTables.__dataclass_fields__)), [overview.first])
+
+
+def _prediction(overview: Overview) -> str:
+    return prediction_page(PredictionTables(**overview.read(*_PREDICTION), losses=overview.losses()))
 
 
 def _start(overview: Overview) -> str:
@@ -139,6 +174,7 @@ _MAKERS: Final[Mapping[str, Callable[[Overview], str]]] = {
     "matrix.html": _matrix,
     "studies.html": _studies,
     "calibration.html": _calibration_page,
+    PREDICTION_PAGE: _prediction,
     "data.html": _data,
     "start.html": _start,
     "excluded.html": _excluded,
@@ -152,7 +188,10 @@ _SHOWN: Final = {
 }
 """Pages of results alone: title, and the table without whose rows there is nothing to show."""
 OVERVIEW_PAGES: Final = tuple(_MAKERS)
-"""File names of the overview pages, the dearest first: made side by side, none is waited for at the end."""
+"""File names of the overview pages, the dearest first: made side by side, none is waited for at the end.
+
+Of a work folder without their tables, ``missing_pages`` are left out.
+"""
 
 
 def _calibration(overview: Overview) -> CalibrationTables:

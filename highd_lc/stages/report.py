@@ -14,6 +14,7 @@ import numpy as np
 import pandas as pd
 
 from highd_lc.io import artefacts, atomic
+from highd_lc.reporting import html
 from highd_lc.reporting.event import PAIRS, EventReport
 from highd_lc.reporting.figures_event import VECTOR_FORMATS, EventPainter, event_vector
 from highd_lc.reporting.html import TO_SCENARIOS
@@ -21,7 +22,7 @@ from highd_lc.reporting.pages_event import Links, event_page, failed_page
 from highd_lc.reporting.pages_index import SPARK_SECONDS
 from highd_lc.stages.crosslinks import has_scenarios, link_to_report
 from highd_lc.stages.event_report import event_report, read_tables
-from highd_lc.stages.overview_pages import OVERVIEW_PAGES, Overview, page_of
+from highd_lc.stages.overview_pages import OVERVIEW_PAGES, Overview, missing_pages, page_of
 from highd_lc.stages.scenes import scene_makers
 from highd_lc.vocab import names
 from highd_lc.vocab.errors import StorageError, UsageError, told
@@ -131,7 +132,7 @@ def _event_pages(job: Job, request: ReportRequest, problems: list[Problem]) -> I
 
     An event whose motions cannot be drawn gets a page that says why, and a problem.
     """
-    tables = read_tables(job)
+    tables, missing = read_tables(job), missing_pages(job.work)
     ids = [str(event["event_id"]) for event in tables.events]
     scenes = scene_makers(tables.scenes, job.settings.validation)
     for k, (event, (_, scene_of)) in enumerate(zip(tables.events, scenes, strict=True)):
@@ -139,7 +140,8 @@ def _event_pages(job: Job, request: ReportRequest, problems: list[Problem]) -> I
             links = _links(ids, k, request)
             try:
                 report = event_report(event, tables, scene_of(), job.settings.validation)
-                _write_event(report, links, request=request, raw=job.settings.report.raw)
+                page = html.without(event_page(report, links, raw=job.settings.report.raw), missing)
+                _write_event(report, links, page, request=request)
                 yield _page_row(report, job, links)
             except StorageError:
                 raise
@@ -165,10 +167,10 @@ def _painter() -> EventPainter:
     return EventPainter()
 
 
-def _write_event(report: EventReport, links: Links, *, request: ReportRequest, raw: bool) -> None:
+def _write_event(report: EventReport, links: Links, page: str, *, request: ReportRequest) -> None:
     """Write the page and the pictures asked for; pictures of an earlier run that are not are removed."""
     base = request.reports / "events" / report.event_id
-    _write(base.with_suffix(".html"), event_page(report, links, raw=raw).encode("utf-8"))
+    _write(base.with_suffix(".html"), page.encode("utf-8"))
     if links.png:
         _write(base.with_suffix(".png"), _painter().png(report))
     for kind in links.vector:
@@ -228,11 +230,14 @@ def combine(combination: Combination, *, request: ReportRequest, carry_out: Carr
     artefacts.concatenate(work, STAGE, "event_pages", combination.recordings, combination.provenance)
     model, b_max = settings.follower_models[0], settings.followers.b_max
     overview = Overview(work, raw, settings.statistics, b_max, model)
-    made = carry_out([partial(page_of, name, overview) for name in OVERVIEW_PAGES])
-    pages = dict(zip(OVERVIEW_PAGES, made, strict=True))
+    missing = missing_pages(work)
+    wanted = [name for name in OVERVIEW_PAGES if name not in missing]
+    pages = dict(zip(wanted, carry_out([partial(page_of, name, overview) for name in wanted]), strict=True))
     scenarios = has_scenarios(request.reports)
     for name, page in pages.items():
         _write(request.reports / name, TO_SCENARIOS.opened(page) if scenarios else page)
+    for name in missing:
+        (request.reports / name).unlink(missing_ok=True)
     link_to_report(request.reports)
     _remove_stale(
         request.reports / "events", set(artefacts.read(work, "events", columns=["event_id"])["event_id"])

@@ -138,25 +138,19 @@ def film_carriageway(
     *,
     flow: float,
     acceleration_bias: float,
+    drift: float = 0.0,
     seconds: float,
     settings: RecorderSettings,
 ) -> Film:
     """Film a carriageway.
 
     markings: y of the lane markings from the right edge, 0 first [m]; key: (seed, recording, carriageway); flow:
-    inflow a lane [veh/h]; acceleration_bias: error of the forward accelerations seen [m/s^2]; seconds: length of
-    the film.
+    inflow a lane [veh/h]; acceleration_bias: error of the forward accelerations seen [m/s^2]; drift: true
+    acceleration in view that all vehicles have in common [m/s^2]; seconds: length of the film.
     """
-    road = Road(markings, _UPSTREAM, settings.section_m, _DOWNSTREAM)
+    road = Road(markings, _UPSTREAM, settings.section_m, _DOWNSTREAM, drift)
     clock = _clock(settings.frame_rate, seconds)
-    inflow = Inflow(
-        flow,
-        settings.truck_share,
-        settings.lane_change_rate,
-        settings.return_share,
-        start=-_WARM_UP_SECONDS,
-        end=seconds,
-    )
+    inflow = Inflow(flow, start=-_WARM_UP_SECONDS, end=seconds, settings=settings)
     drivers = draw_drivers([np.random.default_rng((*key, lane)) for lane in range(len(markings) - 1)], inflow)
     passage = simulate(drivers, road, clock)
     driver, frame = passage.rows[:, 0].astype(np.int64), passage.rows[:, 1].astype(np.int64)

@@ -1,6 +1,4 @@
-"""Compiled pieces of the traffic simulation: following, the wish and the room to change lane, the lateral path.
-
-Containers of the traffic simulation: one carriageway, its vehicles, its clock, and what comes out.
+"""Containers of the traffic simulation, one carriageway, its vehicles, its clock, what comes out; lateral paths.
 
 Frame of a carriageway: x along travel from the entry end of the section in view, y left from the right edge,
 lanes numbered from 0 = rightmost. Vehicles are records and the rest named tuples because the compiled kernels
@@ -15,8 +13,6 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from highd_lc.core.lcm import lcm_acceleration
-
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 BoolArray = NDArray[np.bool_]
@@ -29,13 +25,31 @@ MAX_CHANGES = 6
 KEPT, BROKEN_OFF, RETURN = 0, 1, 2
 """Kinds of a lateral path: kept to its end; broken off after the crossing; the way back from there."""
 
+LCM_AT_ONCE, LCM, IDM = 0, 1, 2
+"""Kinds of drivers: the LCM that reacts to everything at once, and those that take their time."""
+NOBODY, UNKNOWN = -1, -2
+"""A leader that is none, and one that was not asked for yet."""
+SINES = 4
+"""Sines of a driver's lateral and of its forward unrest."""
+
 VEHICLE = np.dtype(
     [
-        # Drawn once. L is meant for a leader of REFERENCE_LENGTH. gain: what a change must bring [m/s^2];
+        # Drawn once. model: LCM_AT_ONCE, LCM or IDM; of the IDM A, b, tau and L are its A, b, T and s0, B is
+        # unused. The LCM's L is meant for a leader of REFERENCE_LENGTH. gain: what a change must bring [m/s^2];
         # look_every: how often one is considered [s]; depth: how far past the marking one is broken off [m];
         # per change: duration with lateral speed above 0.1 m/s, pause until the next [s], breaks_off; offset:
         # place in the lane before each and after the last [m].
         *((name, "f8") for name in ("v_desire", "A", "b", "B", "tau", "L")),
+        ("model", "i8"),
+        # memory, relaxation: times in which an acceleration and a jump of the leader fade [s]; moment: share of a
+        # cut-in's way to the marking after which the leader is minded; ignores: how long after it not [s];
+        # strength: share of the model's acceleration that is applied; room: braking for who is about to come in
+        # [m/s^2], negative = none; presses: braking that a change may demand of the follower [m/s^2];
+        # keep_right: bonus of the right lane [m/s^2]; unrest: deviation of the restless acceleration [m/s^2], of
+        # SINES sines of angular frequencies pace [rad/s] and phases phase [rad].
+        *((name, "f8") for name in ("memory", "relaxation", "moment", "ignores", "strength", "room")),
+        *((name, "f8") for name in ("presses", "keep_right", "unrest")),
+        *((name, "f8", (SINES,)) for name in ("pace", "phase")),
         *((name, "f8") for name in ("length", "width", "arrival", "gain", "look_every", "depth")),
         *((name, "i8") for name in ("truck", "highest_lane")),
         *((name, "f8", (MAX_CHANGES,)) for name in ("duration", "pause")),
@@ -46,6 +60,12 @@ VEHICLE = np.dtype(
         # changes: paths begun; moving: whether on a path.
         *((name, "f8") for name in ("x", "v", "a", "y", "vy", "ay", "look")),
         *((name, "i8") for name in ("lane", "beside", "changes", "moving")),
+        # leader: the vehicle minded last, NOBODY or UNKNOWN; since: when it became the leader [s]; jump_s, jump_v:
+        # what was lost in spacing [m] and leader's speed [m/s] then; watched: the vehicle seen coming in last;
+        # began: when the present memory began [s]; carried: the acceleration intended then [m/s^2]; crossed:
+        # when the last marking was crossed [s].
+        *((name, "i8") for name in ("leader", "watched")),
+        *((name, "f8") for name in ("since", "jump_s", "jump_v", "began", "carried", "crossed")),
         # The present path y(t - start) = c0 + c1 t + .. + c5 t^5 over seconds.
         *((name, "f8") for name in ("start", "seconds")),
         *((name, "i8") for name in ("origin", "target", "kind")),
@@ -71,12 +91,14 @@ ROW_COLUMNS = ("vehicle", "frame", "x", "v", "a", "y", "vy", "ay")
 
 class Road(NamedTuple):
     """A carriageway. markings: y of the lane markings from the right, 0 first [m], shape (lanes + 1,);
-    upstream, section, downstream: length before, in and after the view [m]."""
+    upstream, section, downstream: length before, in and after the view [m]; drift: acceleration in view that all
+    vehicles have in common [m/s^2]."""
 
     markings: FloatArray
     upstream: float
     section: float
     downstream: float
+    drift: float = 0.0
 
 
 class Clock(NamedTuple):
@@ -106,7 +128,7 @@ class Drivers:
 class Traffic(NamedTuple):
     """The simulation, changed in place. vehicles: records ``VEHICLE``; order: those on the road, downstream
     first; counts: vehicles on the road, paths logged; waiting, lane_first: next vehicle to enter each lane and
-    the lanes' first ones; last: scratch, a vehicle a lane; log: paths left, records ``PATH``."""
+    the lanes' first ones; last: scratch, a place in the order a lane; log: paths left, records ``PATH``."""
 
     vehicles: Records
     order: IntArray
@@ -128,8 +150,11 @@ class Passage(NamedTuple):
 def empty_traffic(drivers: Drivers) -> Traffic:
     """The state before anybody has entered."""
     n, lanes = len(drivers.vehicles), len(drivers.lane_first) - 1
+    vehicles = drivers.vehicles.copy()
+    vehicles["leader"] = vehicles["watched"] = UNKNOWN
+    vehicles["crossed"] = vehicles["began"] = -np.inf
     return Traffic(
-        vehicles=drivers.vehicles.copy(),
+        vehicles=vehicles,
         order=np.zeros(n, np.int64),
         counts=np.zeros(2, np.int64),
         waiting=drivers.lane_first[:-1].copy(),
@@ -142,75 +167,7 @@ def empty_traffic(drivers: Drivers) -> Traffic:
 REFERENCE_LENGTH = 4.6
 """Leader's length that a driver's L is meant for [m]; behind another, L moves with the leader's length."""
 
-_HARDEST_BRAKING = 3.0  # what a change may demand of the follower or of the driver [m/s^2]
-_SMALLEST_GAP = 3.0  # room ahead and behind at the start of a change [m] ...
-_SMALLEST_TIME_GAP = 0.2  # ... and more with speed [s]
-_KEEP_RIGHT = 0.1  # bonus of the right lane, malus of the left [m/s^2]
-_RETURN_SECONDS = 5.0
 _LATERAL_THRESHOLD = 0.1  # lateral speed between whose passings a duration is meant [m/s]
-
-
-@njit(cache=True, nogil=True)
-def lcm_behind(vehicles: Records, follower: int, leader: int) -> float:
-    """Acceleration [m/s^2] of one vehicle behind another; leader -1 is a free road."""
-    me = vehicles[follower]
-    spacing, v_leader, L = np.inf, 0.0, me.L
-    if leader >= 0:
-        spacing = vehicles[leader].x - me.x
-        v_leader = vehicles[leader].v
-        L += vehicles[leader].length - REFERENCE_LENGTH
-    return lcm_acceleration(me.v, spacing, v_leader, me.v_desire, me.A, me.b, me.B, me.tau, L)
-
-
-@njit(cache=True, nogil=True)
-def neighbours(traffic: Traffic, vehicle: int, lane: int) -> tuple[int, int]:
-    """The nearest vehicles on a lane ahead of a vehicle's front and not ahead of it; -1 where there is none."""
-    vehicles, order = traffic.vehicles, traffic.order
-    ahead = -1
-    for k in range(traffic.counts[0]):
-        other = order[k]
-        if other == vehicle or (vehicles[other].lane != lane and vehicles[other].beside != lane):
-            continue
-        if vehicles[other].x <= vehicles[vehicle].x:
-            return ahead, other
-        ahead = other
-    return ahead, -1
-
-
-@njit(cache=True, nogil=True)
-def may_follow(vehicles: Records, follower: int, leader: int) -> bool:
-    """Whether one vehicle could get behind another just now: the gap, and the braking that it demands."""
-    gap = vehicles[leader].x - vehicles[leader].length - vehicles[follower].x
-    if gap < _SMALLEST_GAP + _SMALLEST_TIME_GAP * vehicles[follower].v:
-        return False
-    return lcm_behind(vehicles, follower, leader) >= -_HARDEST_BRAKING
-
-
-@njit(cache=True, nogil=True)
-def wanted_lane(traffic: Traffic, road: Road, vehicle: int) -> int:
-    """The adjacent lane that brings most acceleration, if that is enough and there is room; else -1."""
-    me = traffic.vehicles[vehicle]
-    best, most = -1, me.gain
-    for side in (-1, 1):
-        lane = me.lane + side
-        if lane < 0 or lane > me.highest_lane:
-            continue
-        ahead, behind = neighbours(traffic, vehicle, lane)
-        gain = lcm_behind(traffic.vehicles, vehicle, ahead) - me.a - side * _KEEP_RIGHT
-        if gain <= most or (ahead >= 0 and not may_follow(traffic.vehicles, vehicle, ahead)):
-            continue
-        if behind < 0 or may_follow(traffic.vehicles, behind, vehicle):
-            best, most = lane, gain
-    return best
-
-
-@njit(cache=True, nogil=True)
-def may_return(traffic: Traffic, vehicle: int) -> bool:
-    """Whether the lane that was left still has room."""
-    ahead, behind = neighbours(traffic, vehicle, traffic.vehicles[vehicle].origin)
-    if ahead >= 0 and not may_follow(traffic.vehicles, vehicle, ahead):
-        return False
-    return behind < 0 or may_follow(traffic.vehicles, behind, vehicle)
 
 
 @njit(cache=True, nogil=True)
@@ -263,22 +220,6 @@ def end_path(traffic: Traffic, vehicle: int, until: float) -> None:
 
 
 @njit(cache=True, nogil=True)
-def break_off(traffic: Traffic, road: Road, vehicle: int, time: float) -> None:
-    """Turn back to the lane left, if there is still room, once the centre is well past the marking."""
-    me = traffic.vehicles[vehicle]
-    origin, target = me.origin, me.target
-    past = abs(me.y - road.markings[max(origin, target)])
-    if past < me.depth or not may_return(traffic, vehicle):
-        return
-    me.kind = BROKEN_OFF
-    end_path(traffic, vehicle, time)
-    centre = 0.5 * (road.markings[origin] + road.markings[origin + 1])
-    lay_path(me, centre + me.offset[me.changes - 1], _RETURN_SECONDS, time)
-    me.origin, me.target, me.kind = target, origin, RETURN
-    me.beside = origin
-
-
-@njit(cache=True, nogil=True)
 def follow_path(me: Record, road: Road, time: float) -> None:
     """Move to the lateral state at a time on the path [s]; change lane when the centre is past the marking."""
     t = min(time - me.start, me.seconds)
@@ -289,4 +230,4 @@ def follow_path(me: Record, road: Road, time: float) -> None:
     if me.beside >= 0:
         past = me.y - road.markings[max(me.origin, me.target)]
         if past * (me.target - me.origin) >= 0:
-            me.lane, me.beside = me.beside, -1
+            me.lane, me.beside, me.crossed = me.beside, -1, time

@@ -1,19 +1,23 @@
-"""Multi-lane traffic of LCM drivers on one carriageway, with lane changes on smooth lateral paths.
+"""Multi-lane traffic on one carriageway, with lane changes on smooth lateral paths.
 
-Every driver follows by the LCM (``core.lcm``) with parameters of its own. A driver considers to change lane at
-times of its own and does so if that raises its LCM acceleration enough and neither it nor its new follower
-would have to brake hard. Whoever changes lane watches the leaders of both lanes until its centre crosses the
-marking, and its new follower follows it from the start of the path on, as the planner assumes. The lateral
-path is a quintic polynomial from the present lateral state to the place in the target lane.
+Every driver follows by a model and in a manner of its own (``following``). A driver considers to change lane at
+times of its own and does so if that raises its model's acceleration enough and neither it nor its new follower
+would have to brake hard (``choices``). Drivers that react at once watch the leaders of both lanes until their
+centre crosses the marking, and follow who changes in front of them from the start of the path on, as the planner
+assumes; others follow the leader of the lane that they move to. The lateral path is a quintic polynomial from the
+present lateral state to the place in the target lane.
 """
 
 import numpy as np
 from numba import njit
 
-from highd_lc.core.drive import advance
+from highd_lc.traffic.choices import break_off, wanted_lane
+from highd_lc.traffic.following import common_speed, drive, lcm_behind, wish_behind
 from highd_lc.traffic.lanes import (
     KEPT,
+    LCM_AT_ONCE,
     MAX_CHANGES,
+    NOBODY,
     ROW_COLUMNS,
     Clock,
     Drivers,
@@ -22,12 +26,9 @@ from highd_lc.traffic.lanes import (
     Road,
     Traffic,
     begin_change,
-    break_off,
     empty_traffic,
     end_path,
     follow_path,
-    lcm_behind,
-    wanted_lane,
 )
 
 _LANE_CHANGE_FROM = 150.0  # nobody changes lane in the first metres after the entry [m]
@@ -65,7 +66,7 @@ def _advance(step: int, traffic: Traffic, road: Road, clock: Clock, rows: FloatA
         time = step * clock.dt
         _enter(traffic, road, time)
         _sort_downstream_first(traffic)
-        _accelerate(traffic)
+        _accelerate(traffic, road, time)
         if step >= 0 and step % clock.steps_per_frame == 0:
             n_rows = _record(traffic, road, step // clock.steps_per_frame, rows, n_rows)
         _steer(traffic, road, time)
@@ -87,10 +88,11 @@ def _enter(traffic: Traffic, road: Road, time: float) -> None:
             if vehicles[order[k]].lane == lane or vehicles[order[k]].beside == lane:
                 last = order[k]
         me = vehicles[new]
-        me.x, me.v = -road.upstream, _ENTRY_SPEED * me.v_desire
-        if last >= 0 and lcm_behind(vehicles, new, last) < -_GENTLE_BRAKING:
+        me.x = -road.upstream
+        me.v = _ENTRY_SPEED * me.v_desire + common_speed(me.x, road)
+        if last >= 0 and wish_behind(vehicles, road, new, last) < -_GENTLE_BRAKING:
             me.v = min(me.v, vehicles[last].v)
-            if lcm_behind(vehicles, new, last) < -_GENTLE_BRAKING:
+            if wish_behind(vehicles, road, new, last) < -_GENTLE_BRAKING:
                 continue
         me.lane, me.beside = lane, -1
         me.y = 0.5 * (road.markings[lane] + road.markings[lane + 1]) + me.offset[0]
@@ -113,19 +115,24 @@ def _sort_downstream_first(traffic: Traffic) -> None:
 
 
 @njit(cache=True, nogil=True)
-def _accelerate(traffic: Traffic) -> None:
-    """LCM behind the last vehicle met on each lane, from downstream on; the harder braking of two lanes."""
-    vehicles, last = traffic.vehicles, traffic.last
+def _accelerate(traffic: Traffic, road: Road, time: float) -> None:
+    """Every driver's acceleration, from downstream on; at once: the LCM's harder braking of two lanes."""
+    vehicles, order, last = traffic.vehicles, traffic.order, traffic.last
     for lane in range(len(last)):
-        last[lane] = -1
+        last[lane] = NOBODY
     for k in range(traffic.counts[0]):
-        vehicle = traffic.order[k]
-        me = vehicles[vehicle]
-        me.a = lcm_behind(vehicles, vehicle, last[me.lane])
+        me = vehicles[order[k]]
+        if me.model == LCM_AT_ONCE:
+            ahead = last[me.lane]
+            me.a = lcm_behind(vehicles, order[k], order[ahead] if ahead >= 0 else NOBODY)
+            if me.beside >= 0:
+                ahead = last[me.beside]
+                me.a = min(me.a, lcm_behind(vehicles, order[k], order[ahead] if ahead >= 0 else NOBODY))
+        else:
+            me.a = drive(vehicles, order, last, road, k, time)
+        last[me.lane] = k
         if me.beside >= 0:
-            me.a = min(me.a, lcm_behind(vehicles, vehicle, last[me.beside]))
-            last[me.beside] = vehicle
-        last[me.lane] = vehicle
+            last[me.beside] = k
 
 
 @njit(cache=True, nogil=True)
@@ -169,7 +176,8 @@ def _move(traffic: Traffic, road: Road, time: float, dt: float) -> None:
     for k in range(traffic.counts[0]):
         vehicle = traffic.order[k]
         me = traffic.vehicles[vehicle]
-        me.x, me.v = advance(me.x, me.v, me.a, dt)
+        me.v = max(me.v + me.a * dt, 0.0)
+        me.x += me.v * dt
         if me.moving:
             follow_path(me, road, time + dt)
         if me.x <= road.section + road.downstream:

@@ -1,14 +1,19 @@
 """Settings of the synthetic recorder: what the road, the traffic and the camera of a recording are like."""
 
-from typing import Annotated
+from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
 Lanes = Annotated[int, Field(ge=2, le=5)]
+Share = Annotated[float, Field(ge=0, le=1)]
 
 
 class RecorderSettings(BaseModel):
-    """A synthetic recording apart from its length and seed. Defaults resemble HighD (equations.md 15)."""
+    """A synthetic recording apart from its length and seed. Defaults resemble HighD (equations.md 15).
+
+    The defaults from ``drivers`` on are made to resemble published aggregates of how drivers respond to a cut-in
+    (``benchmarks/dose_response.py`` prints both); no row of HighD was used.
+    """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
@@ -64,9 +69,72 @@ class RecorderSettings(BaseModel):
             "carriageways [m/s^2] (HighD: up to 0.3)",
         ),
     ] = 0.05
+    drivers: Annotated[
+        Literal["mixture", "lcm", "idm", "population"],
+        Field(
+            description="mixture: as the shares below say; lcm: all by the LCM near Table 3, at once, without "
+            "drift (what follows does not count); idm: all by the IDM; "
+            "population: all by the gentle LCM with memory"
+        ),
+    ] = "mixture"
+    idm_share: Annotated[Share, Field(description="share of drivers of the mixture that follow by the IDM")] = 0.5
+    gentle_share: Annotated[
+        Share,
+        Field(description="share by a gentle LCM with a memory of 6-7 s; the rest near Table 3"),
+    ] = 0.25
+    memory_s: Annotated[
+        float,
+        Field(ge=0, le=20, description="median time in which an acceleration fades after a change of leader [s]"),
+    ] = 2.0
+    relaxation_s: Annotated[
+        float,
+        Field(
+            ge=0,
+            le=60,
+            description="median time in which the jumps of spacing and speed at a change of leader fade [s]",
+        ),
+    ] = 5.0
+    start_share: Annotated[
+        Share, Field(description="share that minds a cut-in from the start of its lateral path on")
+    ] = 0.65
+    crossing_share: Annotated[
+        Share,
+        Field(description="share that minds it from the crossing on; the rest from a share of the way on"),
+    ] = 0.15
+    reaction_strength: Annotated[
+        float, Field(ge=0.1, le=1.5, description="median share of the model's acceleration that a driver applies")
+    ] = 0.5
+    reaction_spread: Annotated[
+        float, Field(ge=0, le=1, description="standard deviation of that share's logarithm")
+    ] = 0.4
+    ignore_share: Annotated[Share, Field(description="share that ignores a cut-in for a while")] = 0.08
+    ignore_s: Annotated[float, Field(ge=0, le=30, description="for how long on average [s]")] = 4.0
+    room_share: Annotated[Share, Field(description="share that makes room before the crossing")] = 0.1
+    room_mps2: Annotated[float, Field(ge=0, le=2, description="by how much braking on average [m/s^2]")] = 0.3
+    unrest_mps2: Annotated[
+        float,
+        Field(ge=0, le=1, description="median deviation of a driver's acceleration that nothing explains [m/s^2]"),
+    ] = 0.03
+    unrest_spread: Annotated[
+        float, Field(ge=0, le=1, description="standard deviation of its logarithm over the drivers")
+    ] = 0.6
+    drift_mps2: Annotated[
+        float,
+        Field(
+            ge=0,
+            le=0.5,
+            description="bound of each carriageway's true acceleration in common, at 28 m/s [m/s^2] (HighD: "
+            "-0.24 to 0.29)",
+        ),
+    ] = 0.32
 
 
 FAULTLESS = RecorderSettings(
-    wander_m=0, position_noise_m=0, detection_noise_m=0, end_speed_error_mps=0, acceleration_bias_mps2=0
+    drivers="lcm",
+    wander_m=0,
+    position_noise_m=0,
+    detection_noise_m=0,
+    end_speed_error_mps=0,
+    acceleration_bias_mps2=0,
 )
-"""A camera without error and drivers who hold their line: for tests of exact relations."""
+"""A camera without error and drivers by the LCM who hold their line: for tests of exact relations."""

@@ -135,6 +135,25 @@ class CalibrateSettings(Section):
     study_sample: Annotated[
         int, Field(ge=0, le=100000, description="fitted followers whose identifiability is studied")
     ] = 40
+    models: Annotated[
+        tuple[str, ...],
+        Field(description="follower models whose prediction is judged, beside the one that plans"),
+    ] = (
+        "constant_speed",
+        "decaying_acceleration",
+        "drift",
+        "own_fit",
+        "own_fit@crossing",
+        "own_fit@crossing+memory",
+        "own_fit@crossing+memory+relaxation",
+        "mean",
+        "table3",
+        "idm",
+        "idm@crossing+memory",
+        "population",
+        "population-memory",
+        "population-relaxation",
+    )
     min_window_s: Annotated[
         float, Field(gt=0, le=60, description="shortest car-following window that is fitted [s]")
     ] = 3.0
@@ -198,10 +217,10 @@ class FollowerSettings(Section):
         str,
         Field(
             min_length=1,
-            description="follower model that plans: population, own_fit, mean, table3, idm, a naive model, one of "
-            "a researcher's own; @start, @crossing, @0.3, +memory, +relaxation follow it",
+            description="follower model that plans: population, own_fit, mean, table3, idm, naive ones, one of a "
+            "researcher's own; @start, @crossing, @0.3, +memory, +relaxation follow it",
         ),
-    ] = "own_fit"
+    ] = "population"
     also: Annotated[
         tuple[Annotated[str, Field(min_length=1)], ...],
         Field(description="follower models that plan a sample of the events as well"),
@@ -209,6 +228,9 @@ class FollowerSettings(Section):
     also_sample: Annotated[
         int, Field(ge=0, le=100000, description="events in that sample, stratified and seeded; 0 = none")
     ] = 500
+    population: Annotated[
+        str, Field(description="file of an exported population to use instead of fitting one; empty = fit")
+    ] = ""
     b_max: Annotated[
         float,
         Field(

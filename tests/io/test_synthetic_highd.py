@@ -19,7 +19,7 @@ LAYOUTS = {
     "3+3": (FAULTLESS, {2, 3, 4}, {6, 7, 8}),
     "2+2": (FAULTLESS.model_copy(update={"upper_lanes": 2, "lower_lanes": 2}), {2, 3}, {5, 6}),
     "4+3 noisy": (
-        RecorderSettings(upper_lanes=4, lower_lanes=3, frame_rate=10, lane_change_rate=2),
+        RecorderSettings(drivers="lcm", upper_lanes=4, lower_lanes=3, frame_rate=10, lane_change_rate=2),
         {2, 3, 4, 5},
         {7, 8, 9},
     ),

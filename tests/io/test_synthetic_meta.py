@@ -21,7 +21,7 @@ SECONDS = 30.0
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
     out = tmp_path_factory.mktemp("metas")
-    write_recording(out, 3, SECONDS, 8, settings=RecorderSettings(lane_change_rate=2))
+    write_recording(out, 3, SECONDS, 8, settings=RecorderSettings(drivers="lcm", lane_change_rate=2))
     return out
 
 

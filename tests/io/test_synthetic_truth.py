@@ -176,3 +176,31 @@ def test_default_recordings_resemble_highd():
     assert set(truth["kind"]) == {"change", "broken_off", "return"}
     left = (truth["target_lane"] > truth["origin_lane"]).mean()
     assert 0.35 < left < 0.65
+
+
+KINDS = {"lcm": {"lcm at once"}, "mixture": {"lcm", "idm"}, "idm": {"idm"}, "population": {"lcm"}}
+
+
+@pytest.mark.parametrize("kind", list(KINDS))
+def test_the_truth_names_each_drivers_model_manner_and_drift(kind):
+    scene = simulate_recording(1, 20.0, 4, settings=RecorderSettings(drivers=kind))
+    _, drivers = truth_of(scene, RATE)
+    assert set(drivers["model"]) == KINDS[kind]
+    idm = drivers["model"] == "idm"
+    of_the_lcm = ["A", "b", "B", "tau", "L", "reference_length_m"]
+    of_the_idm = ["idm_A", "idm_b", "idm_T", "idm_s0"]
+    assert drivers.loc[idm, of_the_lcm].isna().all(axis=None)
+    assert drivers.loc[idm, of_the_idm].notna().all(axis=None)
+    assert drivers.loc[~idm, of_the_lcm].notna().all(axis=None)
+    assert drivers.loc[~idm, of_the_idm].isna().all(axis=None)
+    manner = ["v_desire", "memory_s", "relaxation_s", "reaction_moment", "reaction_strength", "ignores_s"]
+    assert drivers[[*manner, "unrest_mps2", "drift_mps2"]].notna().all(axis=None)
+    assert drivers["reaction_moment"].between(0, 1).all()
+    drifts = set(drivers["drift_mps2"])
+    assert drifts == {0.0} if kind == "lcm" else len(drifts) == 2
+    assert max(map(abs, drifts)) <= RecorderSettings().drift_mps2
+
+
+def test_kinds_of_drivers_drive_differently():
+    scenes = [simulate_recording(1, 10.0, 4, settings=RecorderSettings(drivers=kind)) for kind in KINDS]
+    assert len({scene.tracks.table.tobytes() for scene in scenes}) == len(KINDS)

@@ -1,10 +1,14 @@
 """Pages in a real browser: they play, scrub, sort and filter from disk, quietly, asking for nothing."""
 
+from dataclasses import replace
+
 import pytest
 from browser import Watched, chromium
 from sample_event import infeasible_event, sample_event, unplanned_event
+from sample_prediction import nobody, sample_prediction
 from sample_run import calibration, matrix, recordings, sample_run, sample_summary
 from sample_studies import studies
+from test_pages_prediction import trace
 from test_pages_start import foresight, tiles
 
 from highd_lc.reporting.pages_calibration import calibration_page
@@ -12,6 +16,7 @@ from highd_lc.reporting.pages_data import data_page, excluded_page
 from highd_lc.reporting.pages_event import Links, event_page
 from highd_lc.reporting.pages_index import index_page
 from highd_lc.reporting.pages_population import StartTables, dictionary_page, matrix_page, start_page
+from highd_lc.reporting.pages_prediction import prediction_page
 from highd_lc.reporting.pages_studies import studies_page
 from highd_lc.reporting.pages_summary import summary_page
 
@@ -36,9 +41,12 @@ def folder(tmp_path_factory):
         "studies.html": studies_page(studies()),
         "data.html": data_page(recordings(), sample_run().crossings, sample_run().events),
         "start.html": start_page(StartTables(tiles(), foresight())),
+        "prediction.html": prediction_page(sample_prediction()),
+        "nobody.html": prediction_page(nobody()),
         "excluded.html": excluded_page(sample_run().crossings),
         "dictionary.html": dictionary_page(),
         "events/event.html": event_page(sample_event(), Links()),
+        "events/predicted.html": event_page(replace(sample_event(), prediction=trace()), Links()),
         "events/infeasible.html": event_page(infeasible_event(), Links()),
         "events/unplanned.html": event_page(unplanned_event(), Links()),
     }
@@ -174,6 +182,17 @@ def test_fits_and_tracking_are_drawn(opened):
     assert page.locator("[data-track] path.line").count() == 4 * 2
 
 
+def test_the_predicted_follower_is_drawn_as_long_as_it_is_in_view(opened):
+    page = opened("events/predicted.html")
+    assert page.inner_text("#prediction .legend").split("\n") == ["recorded", "constant speed", "population"]
+    ends = page.eval_on_selector_all(
+        "#prediction path.line", "es => es.map(e => e.getBBox()).map(b => b.x + b.width)"
+    )
+    # The time axis reaches from 46 to 526 of 560 units over 8 s; the model that plans ends at 6 s.
+    assert ends == pytest.approx([526, 526, 46 + 480 * 6 / 8], abs=20)
+    assert ends[2] < ends[1] - 60
+
+
 def test_every_figure_has_words(opened):
     page = opened("events/event.html")
     texts = page.eval_on_selector_all("svg[role=img]", "es => es.map(e => e.getAttribute('aria-label') || '')")
@@ -277,7 +296,8 @@ def test_another_form_and_accounting_changes_the_gains(opened):
 
 
 @pytest.mark.parametrize(
-    "name", ["summary", "matrix", "studies", "start", "calibration", "data", "excluded", "dictionary"]
+    "name",
+    ["summary", "prediction", "matrix", "studies", "start", "calibration", "data", "excluded", "dictionary"],
 )
 def test_overview_pages_are_quiet(opened, name):
     page = opened(f"{name}.html")
@@ -287,10 +307,15 @@ def test_overview_pages_are_quiet(opened, name):
     assert page.evaluate("document.documentElement.scrollWidth <= innerWidth")
 
 
-ALL_PAGES = ("index", "summary", "matrix", "studies", "start", "calibration", "data", "excluded", "dictionary")
+ALL_PAGES = (
+    "index", "summary", "prediction", "nobody", "matrix", "studies", "start", "calibration", "data", "excluded",
+    "dictionary",
+)  # fmt: skip
 
 
-@pytest.mark.parametrize("name", [*ALL_PAGES, "events/event", "events/infeasible", "events/unplanned"])
+@pytest.mark.parametrize(
+    "name", [*ALL_PAGES, "events/event", "events/predicted", "events/infeasible", "events/unplanned"]
+)
 def test_on_a_telephone_nothing_is_wider_than_the_screen(opened, name):
     page = opened(f"{name}.html", width=420)
     page.evaluate("document.querySelectorAll('details').forEach(d => { d.open = true; })")

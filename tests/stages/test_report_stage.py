@@ -1,5 +1,6 @@
 import json
 import re
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -9,6 +10,7 @@ import pytest
 from highd_lc.io import artefacts
 from highd_lc.reporting.html import PAGES
 from highd_lc.stages import calibrate, extract, ingest, report, validate
+from highd_lc.stages.overview_pages import followers_believed, missing_pages
 from highd_lc.vocab import names
 from highd_lc.vocab.errors import UsageError
 from highd_lc.vocab.job import Combination, Job, Provenance
@@ -20,6 +22,7 @@ from highd_lc.vocab.settings import (
     StudySettings,
     ValidateSettings,
 )
+from highd_lc.vocab.tables import TABLES
 
 FIXTURES = Path(__file__).parents[1] / "fixtures"
 RECORDINGS = (1, 2)
@@ -81,7 +84,7 @@ def test_overview_pages_are_the_same_however_they_are_carried_out(work, made, tm
 
     request = report.choose(work, SETTINGS.report, reports=tmp_path)
     report.combine(combination(work), request=request, carry_out=last_first)
-    for name, _ in PAGES:
+    for name in pages_of(work):
         assert (tmp_path / name).read_bytes() == (made / name).read_bytes()
 
 
@@ -98,7 +101,51 @@ def test_every_event_has_its_page_and_picture_and_nothing_else_is_there(work, ma
     assert len(events(work)) >= 3
     expected = {f"{e}.{kind}" for e in events(work) for kind in ("html", "png")}
     assert {path.name for path in (made / "events").iterdir()} == expected
-    assert {path.name for path in made.iterdir()} == {"events", *(file for file, _ in PAGES)}
+    assert {path.name for path in made.iterdir()} == {"events", *pages_of(work)}
+
+
+def pages_of(work: Path) -> list[str]:
+    return [name for name, _ in PAGES if name not in missing_pages(work)]
+
+
+def with_predictions(work: Path, folder: Path, *, present: bool) -> Path:
+    """A copy of the work folder that holds the tables of predicted followers, without rows, or does not."""
+    shutil.copytree(work, folder)
+    for name in ("prediction", "prediction_summary", "dose_response", "externality", "externality_balance"):
+        path = artefacts.path_of(folder, name)
+        path.unlink(missing_ok=True)
+        if present:
+            empty = pd.DataFrame(columns=list(TABLES[name].column_names), dtype=object)
+            artefacts.write(path, artefacts.to_arrow(name, empty, PROVENANCE))
+    return folder
+
+
+@pytest.mark.parametrize("present", [True, False])
+def test_the_page_on_followers_is_there_if_its_tables_are(work, tmp_path, present):
+    copy = with_predictions(work, tmp_path / "work", present=present)
+    (tmp_path / "reports").mkdir()
+    (tmp_path / "reports" / "prediction.html").write_text("of an earlier run")
+    request = report.choose(copy, SETTINGS.report, reports=tmp_path / "reports")
+    for recording in RECORDINGS:
+        report.run(job(copy, recording), request=request)
+    report.combine(combination(copy), request=request)
+    page = tmp_path / "reports" / "prediction.html"
+    assert page.is_file() == present
+    assert not present or "earlier run" not in page.read_text(encoding="utf-8")
+    for other in (tmp_path / "reports").rglob("*.html"):
+        text = other.read_text(encoding="utf-8")
+        assert ('prediction.html"' in text) == present, other
+        if other.name in ("summary.html", "index.html", "matrix.html", "studies.html"):
+            words = text.index("How well the followers are predicted is not known")
+            assert words < text.index("</table>")
+            assert ("this work folder holds no prediction" in text) != present
+
+
+def test_the_words_on_followers_are_those_of_the_tables(work, tmp_path):
+    without = with_predictions(work, tmp_path / "without", present=False)
+    empty = with_predictions(work, tmp_path / "empty", present=True)
+    assert "no prediction" in followers_believed(without, "own_fit")[0]
+    assert "none is in view" in followers_believed(empty, "own_fit")[0]
 
 
 def test_every_link_leads_to_a_file(made):

@@ -6,6 +6,7 @@ import pytest
 from highd_lc.traffic.drivers import Inflow, draw_drivers
 from highd_lc.traffic.lanes import BROKEN_OFF, KEPT, REFERENCE_LENGTH, RETURN, Clock, Drivers, Passage, Road
 from highd_lc.traffic.simulation import simulate
+from highd_lc.vocab.recorder import RecorderSettings
 
 DT = 0.04
 SECONDS = 60
@@ -13,11 +14,12 @@ MARKINGS = np.array([0.0, 3.7, 7.45, 11.2])
 ROAD = Road(MARKINGS, upstream=700.0, section=1000.0, downstream=300.0)
 
 
-def drive(*, lane_change_rate: float, return_share: float = 0.0, flow: float = 1400.0, seed: int = 5):
-    inflow = Inflow(flow, 0.2, lane_change_rate, return_share, start=-70.0, end=SECONDS)
+def drive(*, flow: float = 1400.0, seed: int = 5, road: Road = ROAD, **changes):
+    settings = RecorderSettings(**{"drivers": "lcm", "truck_share": 0.2, "return_share": 0.0, **changes})
+    inflow = Inflow(flow, start=-70.0, end=SECONDS, settings=settings)
     drivers = draw_drivers([np.random.default_rng((seed, lane)) for lane in range(3)], inflow)
     clock = Clock(DT, 1, round(70 / DT), round(SECONDS / DT))
-    return drivers, simulate(drivers, ROAD, clock)
+    return drivers, simulate(drivers, road, clock)
 
 
 @pytest.fixture(scope="module")
@@ -112,8 +114,9 @@ def test_a_change_broken_off_continues_smoothly_into_its_return(changing):
 
 
 @pytest.mark.parametrize("flow", [900.0, 2200.0])
-def test_no_two_boxes_ever_overlap(flow):
-    drivers, passage = drive(lane_change_rate=4.0, return_share=0.2, flow=flow, seed=11)
+@pytest.mark.parametrize("kind", ["lcm", "mixture", "idm", "population"])
+def test_no_two_boxes_ever_overlap(kind, flow):
+    drivers, passage = drive(lane_change_rate=4.0, return_share=0.2, flow=flow, seed=11, drivers=kind)
     rows = passage.rows
     vehicle = rows[:, 0].astype(int)
     length, width = drivers.vehicles["length"][vehicle], drivers.vehicles["width"][vehicle]
@@ -149,3 +152,45 @@ def test_vehicles_are_recorded_while_their_centre_is_in_view(changing):
     for vehicle in np.unique(passage.rows[:, 0]):
         frame = passage.rows[passage.rows[:, 0] == vehicle][:, 1]
         assert (np.diff(frame) == 1).all()
+
+
+@pytest.fixture(scope="module")
+def mixed() -> tuple[Drivers, Passage]:
+    return drive(lane_change_rate=2.0, return_share=0.1, drivers="mixture")
+
+
+def steps(passage: Passage) -> np.ndarray:
+    """Changes of acceleration from frame to frame [m/s^2]."""
+    rows = passage.rows[np.lexsort((passage.rows[:, 1], passage.rows[:, 0]))]
+    return np.abs(np.diff(rows[:, 4]))[np.diff(rows[:, 0]) == 0]
+
+
+def test_drivers_that_remember_do_not_jump_where_the_models_do(changing, mixed):
+    model, mixture = steps(changing[1]), steps(mixed[1])
+    assert (model > 0.5).mean() > 3 * (mixture > 0.5).mean()
+
+
+@pytest.mark.parametrize("kind", ["mixture", "idm", "population"])
+def test_braking_is_bounded_and_lanes_are_changed(kind):
+    _, passage = drive(lane_change_rate=2.0, drivers=kind, flow=1200.0)
+    assert -9.0 <= passage.rows[:, 4].min() < passage.rows[:, 4].max() < 4.0
+    assert len(passage.paths) >= 10
+    assert 15.0 < np.median(passage.rows[:, 3]) < 35.0
+
+
+@pytest.mark.parametrize("drift", [-0.2, 0.25])
+def test_the_drift_is_what_all_vehicles_accelerate_by(drift):
+    """Half of the vehicles have hardly another reason to accelerate."""
+    road = ROAD._replace(section=400.0)
+    calm = {"lane_change_rate": 0.0, "unrest_mps2": 0.0, "drivers": "mixture", "flow": 900.0}
+    passages = [drive(**calm, road=road._replace(drift=a))[1] for a in (0.0, drift)]
+    medians = [28.0 * np.median(passage.rows[:, 4] / passage.rows[:, 3]) for passage in passages]
+    assert medians[1] - medians[0] == pytest.approx(drift, abs=0.05)
+
+
+def test_a_drift_is_in_speeds_and_positions_as_well(mixed):
+    _, passage = drive(lane_change_rate=0.5, drivers="mixture", road=ROAD._replace(section=400.0, drift=0.25))
+    for vehicle in np.unique(passage.rows[:, 0])[::9]:
+        x, v, a = passage.rows[passage.rows[:, 0] == vehicle][:, 2:5].T
+        np.testing.assert_allclose(np.diff(v), a[:-1] * DT, atol=1e-9)
+        np.testing.assert_allclose(np.diff(x), v[1:] * DT, atol=1e-9)

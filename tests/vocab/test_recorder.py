@@ -24,8 +24,9 @@ def test_every_setting_is_described():
         assert field.description, name
 
 
-def test_a_faultless_camera_differs_from_the_default_in_its_faults_alone():
+def test_a_faultless_camera_differs_from_the_default_in_its_faults_and_in_its_drivers_alone():
     default, faultless = RecorderSettings().model_dump(), FAULTLESS.model_dump()
-    different = {name for name in default if default[name] != faultless[name]}
+    different = {name for name in default if default[name] != faultless[name]} - {"drivers"}
+    assert (default["drivers"], faultless["drivers"]) == ("mixture", "lcm")
     assert {faultless[name] for name in different} == {0}
     assert {"wander_m", "position_noise_m"} <= different

@@ -74,6 +74,7 @@ class EventPage {
     this.fillPolicies();
     this.listen();
     this.drawFits();
+    this.drawPrediction();
     this.drawTracks();
     this.choice();
   }
@@ -254,6 +255,21 @@ class EventPage {
       const series = [line(fit.recorded, "Recorded", 2.5, "var(--quiet)"), line(fit.simulated, "LCM", 1.5, "var(--accent)")];
       chart.draw(series, range(series, (s) => s.x, 0.1));
     }
+  }
+
+  drawPrediction() {
+    const figure = document.getElementById("prediction");
+    if (!figure) return;
+    const { dt, looks } = this.data.prediction;
+    const series = unpack(this.data.prediction).map(({ first, values }, k) => {
+      const [name, policy, dashed, heavy] = looks[k];
+      return {
+        name, label: "", colour: `var(--policy-${policy})`, dash: dashed ? "4 3" : null, width: heavy ? 2.5 : 1.4,
+        x: [...values.keys()].map((i) => (first + i) * dt), y: [...values],
+      };
+    });
+    const chart = new Chart(figure, { title: "Speed of HV 1", unit: "m/s", least: 2 });
+    chart.draw(series, range(series, (s) => s.x, 0.1));
   }
 
   drawTracks() {

@@ -62,6 +62,7 @@ VEHICLES = Table(
         _number("width", "width of the vehicle's box", "m", nullable=False, minimum=0),
         _count("first_frame", "first frame in view"),
         _count("last_frame", "last frame in view"),
+        _number("mean_acceleration", "change of forward speed from first to last row, over time in view", "m/s²"),
         Column(
             "recorded_id",
             "int64",

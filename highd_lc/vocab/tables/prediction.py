@@ -153,6 +153,57 @@ EXTERNALITY_BALANCE = Table(
     ),
 )
 
+RESPONSES = Table(
+    "responses",
+    "event and follower: its recorded motion from t_start on and that of whom it follows, on the 0.1 s grid",
+    ("recording_id", "event_id", "follower"),
+    (
+        _EVENT,
+        _RECORDING,
+        _FOLLOWER,
+        Column("vehicle_id", "int64", "the vehicle's id in its recording", minimum=0),
+        word("class", "Car or Truck", names.CLASSES),
+        Column("location_id", "int64", "site of the recording"),
+        number("time", "t_start in the recording", "s", nullable=False),
+        count("n", "samples in which both are in view and the follower keeps its lane"),
+        number("before_length", "length of the leader before the change", "m", nullable=False, minimum=0),
+        number("ahead_length", "length of the leader after it", "m", nullable=False, minimum=0),
+        number("a_0", "mean recorded acceleration over the 0.5 s before t_start", "m/s²", nullable=False),
+        number("drift", "median acceleration of the carriageway's other vehicles", "m/s²", nullable=False),
+        number("time_gap", "time gap to the leader at t_start; null unless it was followed", "s"),
+        *(
+            Column(name, "list<float64>", meaning)
+            for name, meaning in (
+                ("x", "follower's front, ahead of the ego's centre at t_start [m]"),
+                ("v", "follower's speed [m/s]"),
+                ("before_x", "front of the leader before the change; 1e9 = none [m]"),
+                ("before_v", "its speed [m/s]"),
+                ("x_ahead", "front of the leader after it [m]"),
+                ("v_ahead", "its speed [m/s]"),
+                ("progress", "share of the ego's lateral way that it has made"),
+            )
+        ),
+    ),
+)
+
+CONTROLS = Table(
+    "controls",
+    "event and horizon: followers alike that nobody cuts in on",
+    ("recording_id", "event_id", "horizon_s"),
+    (
+        _EVENT,
+        _RECORDING,
+        _HORIZON,
+        count("n_controls", "matched followers"),
+        number("loss_change", "mean over them of the loss beyond that of keeping the speed; null without any"),
+        *(
+            number(f"{who}_{name}", f"{name} of the {word_} at the start")
+            for who, word_ in (("event", "follower"), ("control", "controls, on average"))
+            for name in ("speed", "acceleration", "spacing", "closing")
+        ),
+    ),
+)
+
 TRAJECTORIES = Table(
     "trajectories",
     "event, accounting, policy, follower model, kind, role and sample of 0.1 s",
@@ -178,5 +229,7 @@ TRAJECTORIES = Table(
 )
 
 PREDICTION_TABLES: Final = (
+    RESPONSES,
+    CONTROLS,
     FOLLOWER_MODELS, PREDICTION, PREDICTION_SUMMARY, DOSE_RESPONSE, EXTERNALITY, EXTERNALITY_BALANCE, TRAJECTORIES,
 )  # fmt: skip

@@ -1,0 +1,230 @@
+"""The population: one follower model for all, fitted to the responses of followers of *other* recordings.
+
+Its constants are few; each driver is adapted to by what was seen of him before t_start: his acceleration, his
+speed and the time gap that he kept. The fit minimises the mean over responses of a power of the root mean
+square error of speed, drawn towards a stated prior, by a Levenberg-Marquardt descent on reweighted squares; the
+moment from which the lane changer counts as leader is chosen among ``MOMENTS``.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from highd_lc.drivers.responses import Behaviours, Responses, Simulated, simulate
+from highd_lc.vocab import names
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+TIME_GAP: Final = 1.3
+"""Time gap around which own time gaps are counted [s]."""
+MOMENTS: Final = (0.0, 0.15, 0.3, 0.5)
+"""Shares of the lateral way at which the lane changer may become the leader; 0 = start, 0.5 = crossing."""
+
+
+@dataclass(frozen=True)
+class Constant:
+    """A constant of the population: bounds, the prior's centre and standard deviation, unit, meaning."""
+
+    name: str
+    low: float
+    high: float
+    centre: float
+    sd: float
+    unit: str
+    meaning: str
+
+
+CONSTANTS: Final = (
+    Constant("v_desire", 15.0, 50.0, 25.5, 4.0, "m/s", "desired speed"),
+    Constant(
+        "own_speed", 0.0, 1.0, 0.0, 0.3, "", "share of the desired speed that is the driver's own speed and more"
+    ),
+    Constant("above", 0.0, 15.0, 3.0, 3.0, "m/s", "desired speed above the own speed at t_start"),
+    Constant("A", 0.05, 4.0, 0.85, 0.3, "m/s²", "maximum acceleration"),
+    Constant("b", 0.5, 10.0, 2.0, 0.5, "m/s²", "deceleration that the driver is willing to use"),
+    Constant("B", 0.5, 10.0, 1.4, 0.4, "m/s²", "deceleration that the driver expects of the leader"),
+    Constant("tau", 0.2, 8.0, 3.4, 0.8, "s", "perception-reaction time"),
+    Constant("own_time_gap", -0.5, 1.5, 0.0, 0.3, "", "share of the own time gap's deviation that goes into tau"),
+    Constant("L_0", 2.0, 8.0, 4.0, 1.0, "m", "spacing at standstill beyond the leader's length"),
+    Constant("truck", 0.5, 2.0, 1.0, 0.2, "", "factor of tau for trucks"),
+    Constant("memory", 0.0, 15.0, 6.5, 2.0, "s", "time constant with which the acceleration at t_start fades"),
+    Constant(
+        "persistence", 0.0, 1.2, 1.0, 0.3, "", "share of the acceleration at t_start that is the driver's intent"
+    ),
+    Constant("relaxation", 0.0, 30.0, 0.0, 5.0, "s", "time in which the jump at a change of leader fades"),
+)
+"""The prior's centres are the constants found on seven real recordings (equations.md 3)."""
+
+NAMES: Final = tuple(c.name for c in CONSTANTS)
+_LOW, _HIGH = np.array([c.low for c in CONSTANTS]), np.array([c.high for c in CONSTANTS])
+_CENTRE, _SD = np.array([c.centre for c in CONSTANTS]), np.array([c.sd for c in CONSTANTS])
+NEED: Final = 1.5
+"""Required deceleration from which a driver brakes at once, whatever he remembers [m/s^2]."""
+_PRIOR_WEIGHT = 0.25  # the prior counts as a quarter of a response that is off by its standard deviation
+_ITERATIONS = 30
+_RELAXED = 8.0  # where a second descent starts [s]
+_SMALLEST_GAIN = 1e-6
+_LEAST_ERROR = 1e-2  # errors below this weigh as this [m/s]
+_CHAIN_WEIGHT = 0.25  # of followers behind HV_1, who keep their leader
+_POWER = 1.5  # of an error: between the mean error, which asks for skill, and its square, which asks for no bias
+
+
+@dataclass(frozen=True)
+class Population:
+    """Fitted constants (order of ``NAMES``), moment of the change of leader, responses used, and their source."""
+
+    constants: FloatArray
+    moment: float
+    n_responses: int
+    source: str
+
+    def __getitem__(self, name: str) -> float:
+        return float(self.constants[NAMES.index(name)])
+
+
+PRIOR: Final = Population(_CENTRE, 0.5, 0, "prior")
+
+
+def behaviours(constants: FloatArray, responses: Responses, moment: float) -> Behaviours:
+    """Every driver of the responses under the population's constants."""
+    c = dict(zip(NAMES, constants, strict=True))
+    v_0, ones = responses.v[0], np.ones(len(responses))
+    gap = np.clip(np.nan_to_num(responses.time_gap - TIME_GAP), -1.0, 1.5)
+    tau = np.maximum(c["tau"] + c["own_time_gap"] * gap, 0.1) * np.where(responses.truck, c["truck"], 1.0)
+    return Behaviours(
+        v_desire=(1.0 - c["own_speed"]) * c["v_desire"] + c["own_speed"] * (v_0 + c["above"]),
+        A=c["A"] * ones,
+        b=c["b"] * ones,
+        B=c["B"] * ones,
+        tau=tau,
+        L=c["L_0"] + responses.ahead_length,
+        L_before=c["L_0"] + responses.before_length,
+        memory=c["memory"] * ones,
+        relaxation=c["relaxation"] * ones,
+        need=NEED * ones,
+        a_0=responses.drift + c["persistence"] * (responses.a_0 - responses.drift),
+        drift=responses.drift,
+        moment=moment * ones,
+    )
+
+
+def respond(population: Population, responses: Responses) -> Simulated:
+    """The followers as the population has them."""
+    return simulate(names.LCM, behaviours(population.constants, responses, population.moment), responses)
+
+
+@dataclass(frozen=True)
+class _Descent:
+    """The objective of a fit at one moment, and its reweighted squares."""
+
+    responses: Responses
+    moment: float
+    pinned: NDArray[np.bool_]
+
+    def residuals(self, constants: FloatArray) -> FloatArray:
+        """Errors of speed over the square root of their number, 0 where nothing was recorded, shape (K, R)."""
+        r = self.responses
+        found = simulate(names.LCM, behaviours(constants, r, self.moment), r)
+        error: FloatArray = np.where(r.seen, found.v - r.v, 0.0) / np.sqrt(r.n)
+        return error
+
+    @property
+    def weights(self) -> FloatArray:
+        """Of each response, summing to 1."""
+        w = np.where(self.responses.rank == 1, 1.0, _CHAIN_WEIGHT)
+        return np.asarray(w / w.sum())
+
+    def objective(self, constants: FloatArray, residuals: FloatArray) -> float:
+        """Mean power of a response's error and the prior's share."""
+        errors = np.sqrt((residuals**2).sum(axis=0) + _LEAST_ERROR**2)
+        return float(self.weights @ errors**_POWER + 0.5 * self._prior @ ((constants - _CENTRE) / _SD) ** 2)
+
+    @property
+    def _prior(self) -> FloatArray:
+        return np.where(self.pinned, 0.0, _PRIOR_WEIGHT / len(self.responses))
+
+    def normal_equations(self, constants: FloatArray, residuals: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Hessian and gradient of the reweighted squares, over the constants that are free."""
+        errors = np.sqrt((residuals**2).sum(axis=0) + _LEAST_ERROR**2)
+        root = np.sqrt(_POWER * self.weights * errors ** (_POWER - 2.0))
+        free = np.flatnonzero(~self.pinned)
+        slopes = np.stack([(self._slope(constants, residuals, int(j)) * root).ravel() for j in free])
+        pull = self._prior[free] / _SD[free] ** 2
+        gradient = slopes @ (residuals * root).ravel() + pull * (constants - _CENTRE)[free]
+        return slopes @ slopes.T + np.diag(pull), gradient
+
+    def _slope(self, constants: FloatArray, residuals: FloatArray, j: int) -> FloatArray:
+        step = 1e-4 * (_HIGH[j] - _LOW[j])
+        step = step if constants[j] + step <= _HIGH[j] else -step
+        moved = constants.copy()
+        moved[j] += step
+        return np.asarray((self.residuals(moved) - residuals) / step)
+
+
+def fit(responses: Responses, *, source: str, without: tuple[str, ...] = ()) -> Population:
+    """The population of these responses; the prior where there are none.
+
+    without: constants held at 0, such as ``memory`` or ``relaxation``.
+    """
+    if not len(responses):
+        return PRIOR
+    pinned = np.array([name in without for name in NAMES])
+    fits = [
+        (moment, *_descend(_Descent(responses, moment, pinned), start))
+        for moment in MOMENTS
+        for start in _starts(pinned)
+    ]
+    moment, constants, _ = min(fits, key=lambda found: found[2])
+    return Population(constants, moment, len(responses), source)
+
+
+def _starts(pinned: NDArray[np.bool_]) -> Iterator[FloatArray]:
+    """The prior's centre; and with relaxation, whose derivative vanishes at the prior's 0."""
+    start = np.where(pinned, 0.0, _CENTRE)
+    yield start
+    place = NAMES.index("relaxation")
+    if not pinned[place]:
+        yield np.where(np.arange(len(NAMES)) == place, _RELAXED, start)
+
+
+def _descend(problem: _Descent, start: FloatArray) -> tuple[FloatArray, float]:
+    """Levenberg-Marquardt within bounds: the constants and their objective."""
+    constants = start
+    residuals = problem.residuals(constants)
+    value, damping = problem.objective(constants, residuals), 1e-2
+    for _ in range(_ITERATIONS):
+        hessian, gradient = problem.normal_equations(constants, residuals)
+        step = _accepted(problem, constants, value, hessian, gradient, damping)
+        if step is None:
+            break
+        gain = value - step[2]
+        constants, residuals, value, damping = step
+        if gain < _SMALLEST_GAIN:
+            break
+    return constants, value
+
+
+def _accepted(
+    problem: _Descent,
+    constants: FloatArray,
+    value: float,
+    hessian: FloatArray,
+    gradient: FloatArray,
+    damping: float,
+) -> tuple[FloatArray, FloatArray, float, float] | None:
+    """The first damped step that lowers the objective: constants, residuals, value and the next damping."""
+    free = np.flatnonzero(~problem.pinned)
+    for _ in range(10):
+        step = np.linalg.solve(hessian + damping * np.diag(np.diag(hessian) + 1e-12), -gradient)
+        trial = constants.copy()
+        trial[free] = np.clip(trial[free] + step, _LOW[free], _HIGH[free])
+        residuals = problem.residuals(trial)
+        reached = problem.objective(trial, residuals)
+        if reached < value:
+            return trial, residuals, reached, max(damping / 4.0, 1e-9)
+        damping *= 4.0
+    return None

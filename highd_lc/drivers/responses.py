@@ -1,0 +1,218 @@
+"""Responses: recorded followers behind a lane changer, and the same followers simulated by a follower model.
+
+Every model is one equation with constants of its own for each follower (equations.md 3):
+
+    a = m a_0 + (1 - m) (command(v, s, v_leader) + drift),   m = exp(-t / memory)
+
+and no weaker than the situation demands, once the deceleration required to avoid a contact passes ``need``.
+command is 0 (``none``: nothing happens), the LCM's or the IDM's. memory 0, relaxation 0, drift 0 and an infinite
+``need`` leave the bare model. t counts from t_start, K samples of 0.1 s; R responses lie side by side.
+"""
+
+from dataclasses import dataclass, fields
+from typing import Final, NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from highd_lc.core.kernels import UNALIASED
+from highd_lc.core.lcm import desired_spacing, lcm_acceleration
+from highd_lc.vocab import names
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+BoolArray = NDArray[np.bool_]
+
+TIME_STEP: Final = 0.1
+"""Step of the responses' time grid [s]."""
+HORIZON: Final = 8.0
+"""Longest time after t_start that is judged [s]."""
+SAMPLES: Final = round(HORIZON / TIME_STEP) + 1
+NO_LEADER: Final = 1e9
+"""Front of a leader that does not exist [m]."""
+
+_RESERVE = 1.0  # who brakes in need wants to stop this far behind [m]
+_LARGEST_JUMP = 2.0  # the follower credits a cut-in with at most this multiple of its desired spacing
+
+
+class Behaviours(NamedTuple):
+    """What each of R followers drives by, each of shape (R,): units of ``follower_models``.
+
+    L_before, L: behind the target leader, and behind who it gets. moment: share of the lane changer's lateral way
+    from which that one is its leader.
+    """
+
+    v_desire: FloatArray
+    A: FloatArray
+    b: FloatArray
+    B: FloatArray
+    tau: FloatArray
+    L: FloatArray
+    L_before: FloatArray
+    memory: FloatArray
+    relaxation: FloatArray
+    need: FloatArray
+    a_0: FloatArray
+    drift: FloatArray
+    moment: FloatArray
+
+
+@dataclass(frozen=True)
+class Responses:
+    """R recorded followers from t_start on, K samples.
+
+    x, v: front [m] and speed [m/s] as recorded, shape (K, R), good for the first ``n`` samples (R,): while both
+    tracks are in view and the follower keeps its lane. before_x, before_v: front and speed of the leader until the
+    change (x = ``NO_LEADER``: none), x_ahead, v_ahead: of who it gets as leader, shape (K, R); lengths (R,) [m].
+    progress: share of the lane changer's lateral way, ascending, (K, R); 1 for who keeps its leader.
+    a_0: recorded acceleration before t_start, drift: of the carriageway, without the event's vehicles [m/s^2];
+    time_gap: to the leader before t_start [s], NaN unless it was followed. truck, rank (R,). event, recording,
+    location, time: which event (an index), recording, site, and time of t_start in the recording [s].
+    """
+
+    x: FloatArray
+    v: FloatArray
+    n: IntArray
+    before_x: FloatArray
+    before_v: FloatArray
+    before_length: FloatArray
+    x_ahead: FloatArray
+    v_ahead: FloatArray
+    ahead_length: FloatArray
+    progress: FloatArray
+    a_0: FloatArray
+    drift: FloatArray
+    time_gap: FloatArray
+    truck: BoolArray
+    rank: IntArray
+    event: IntArray
+    recording: IntArray
+    location: IntArray
+    time: FloatArray
+
+    def take(self, places: IntArray | BoolArray) -> "Responses":
+        """Some of the responses."""
+        chosen = {f.name: np.ascontiguousarray(getattr(self, f.name)[..., places]) for f in fields(self)}
+        return Responses(**chosen)
+
+    def __len__(self) -> int:
+        return len(self.n)
+
+    @property
+    def seen(self) -> BoolArray:
+        """Which samples are recorded, shape (K, R)."""
+        return np.arange(len(self.x))[:, None] < self.n
+
+    def joins(self, moment: FloatArray) -> IntArray:
+        """First sample at which the lane changer has made that share of its way, K if never; shape (R,)."""
+        return np.asarray((self.progress < moment - 1e-9).sum(axis=0))
+
+
+class Simulated(NamedTuple):
+    """Front [m], speed [m/s] and command [m/s^2] of simulated followers, shape (K, R)."""
+
+    x: FloatArray
+    v: FloatArray
+    a: FloatArray
+
+
+def simulate(family: str, behaviours: Behaviours, responses: Responses, *, hardest: float = 9.0) -> Simulated:
+    """Drive the followers behind what was recorded ahead of them, from their recorded states at t_start.
+
+    family: of ``names.FAMILIES``; hardest: bound of their braking [m/s^2, positive].
+    """
+    r, joins = responses, responses.joins(behaviours.moment)
+    joined = np.arange(len(r.x))[:, None] >= joins
+    leader_x, leader_v = np.where(joined, r.x_ahead, r.before_x), np.where(joined, r.v_ahead, r.before_v)
+    leader_length = np.where(joined, r.ahead_length, r.before_length)
+    out = Simulated(*(np.empty_like(r.x) for _ in range(3)))
+    ahead = _Ahead(leader_x, leader_v, leader_length, r.before_x, r.before_v)
+    _simulate(names.FAMILIES.index(family), behaviours, joins, ahead, r.x[0], r.v[0], hardest, out)
+    return out
+
+
+class _Ahead(NamedTuple):
+    """Front, speed and length of the present leader, front and speed of the one before, shape (K, R)."""
+
+    x: FloatArray
+    v: FloatArray
+    length: FloatArray
+    before_x: FloatArray
+    before_v: FloatArray
+
+
+@njit(inline="always", fastmath={"contract"})
+def _command(
+    family: int, v: float, s: float, v_leader: float, length: float, vd: float, A: float, b: float, B: float,
+    tau: float, L: float,
+) -> float:  # fmt: skip
+    """The bare command of a family [m/s^2]; s: spacing [m]."""
+    if family == 1:
+        return lcm_acceleration(v, s, v_leader, vd, A, b, B, tau, L)
+    if family == 2:
+        wanted = L + max(0.0, v * tau + v * (v - v_leader) / (2.0 * np.sqrt(A * b)))
+        closeness, speed = wanted / max(s - length, 0.1), v / vd
+        wished: float = A * (1.0 - speed * speed * speed * speed - closeness * closeness)
+        return wished
+    return 0.0
+
+
+@njit(cache=True, nogil=True)
+def _jump(
+    family: int, r: int, x: float, v: float, p: Behaviours, now: tuple[float, float], before: tuple[float, float]
+) -> tuple[float, float]:
+    """What a change of leader takes from the spacing [m] and from the leader's speed [m/s], both credited back.
+
+    now, before: front and speed of the new and the old leader. A follower credits no more spacing than it had and
+    no more than a multiple of what it desires, and without an old leader no more than that.
+    """
+    wanted = p.L[r] + v * p.tau[r]
+    if family == 1:
+        wanted = desired_spacing(v, now[1], p.b[r], p.B[r], p.tau[r], p.L[r])
+    had, speed = wanted, 0.0
+    if before[0] < NO_LEADER / 2.0:
+        had, speed = min(before[0] - x, _LARGEST_JUMP * wanted), before[1] - now[1]
+    return max(had - (now[0] - x), 0.0), speed
+
+
+@njit(cache=True, nogil=True, fastmath={"contract"}, error_model="numpy", **UNALIASED)
+def _simulate(
+    family: int, p: Behaviours, joins: IntArray, ahead: _Ahead, x0: FloatArray, v0: FloatArray, hardest: float,
+    out: Simulated,
+) -> None:  # fmt: skip
+    samples, count = ahead.x.shape
+    x, v = x0.copy(), v0.copy()
+    jump_s, jump_v, m, kept, fades = (
+        np.zeros(count),
+        np.zeros(count),
+        np.ones(count),
+        np.empty(count),
+        np.empty(count),
+    )
+    for r in range(count):
+        kept[r] = np.exp(-0.1 / p.memory[r]) if p.memory[r] > 0.0 else 0.0
+        fades[r] = 0.1 / p.relaxation[r] if p.relaxation[r] > 0.0 else 1e9
+        m[r] = 1.0 if p.memory[r] > 0.0 else 0.0
+    for k in range(samples):
+        for r in range(count):
+            if k == joins[r] and p.relaxation[r] > 0.0:
+                now = ahead.x[k, r], ahead.v[k, r]
+                before = ahead.before_x[k, r], ahead.before_v[k, r]
+                jump_s[r], jump_v[r] = _jump(family, r, x[r], v[r], p, now, before)
+        for r in range(count):
+            fading = max(1.0 - (k - joins[r]) * fades[r], 0.0)
+            L = p.L[r] if k >= joins[r] else p.L_before[r]
+            s, v_leader, length = ahead.x[k, r] - x[r], ahead.v[k, r], ahead.length[k, r]
+            a = _command(
+                family, v[r], s + fading * jump_s[r], max(v_leader + fading * jump_v[r], 0.0), length,
+                p.v_desire[r], p.A[r], p.b[r], p.B[r], p.tau[r], L,
+            )  # fmt: skip
+            a = m[r] * p.a_0[r] + (1.0 - m[r]) * (a + p.drift[r])
+            closing = max(v[r] - v_leader, 0.0)
+            required = closing * closing / (2.0 * max(s - length - _RESERVE, 0.1))
+            a = max(min(a, -required if required > p.need[r] else a), -hardest)
+            out.x[k, r], out.v[k, r], out.a[k, r] = x[r], v[r], a
+            v[r] = max(v[r] + a * 0.1, 0.0)
+            x[r] += v[r] * 0.1
+            m[r] *= kept[r]

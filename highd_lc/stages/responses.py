@@ -1,0 +1,145 @@
+"""Followers' responses between tables and arrays: scenes to rows of ``responses``, these to arrays."""
+
+from collections.abc import Iterator
+from typing import Any, Final
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from highd_lc.drivers.responses import HORIZON, NO_LEADER, SAMPLES, Responses
+from highd_lc.planning.scene import Motion, Scene, pack
+from highd_lc.stages.scenes import SceneTables, scene_makers
+from highd_lc.vocab import names
+from highd_lc.vocab.settings import ValidateSettings
+
+FloatArray = NDArray[np.float64]
+Row = dict[str, Any]
+
+SERIES: Final = ("x", "v", "before_x", "before_v", "x_ahead", "v_ahead", "progress")
+"""Columns of ``responses`` that hold a value a sample."""
+CHANGES_LANE: Final = 1.9
+"""A follower that has moved this far sideways changes lane himself and is judged until then [m]."""
+FOLLOWED: Final = (70.0, 3.0)
+"""A leader nearer than this [m] and no more than this faster or slower [m/s] is followed: his time gap counts."""
+_BEFORE = 0.5
+
+
+def response_rows(
+    tables: SceneTables, settings: ValidateSettings, drifts: "Drifts", *, location: int
+) -> Iterator[Row]:
+    """The rows of ``responses`` of a recording: every follower of every event while he and his leader are seen."""
+    recorded = settings.model_copy(
+        update={
+            "planner": settings.planner.model_copy(update={"leaders": "recorded"}),
+            "loss": settings.loss.model_copy(update={"horizon_s": HORIZON}),
+        }
+    )
+    events = tables.events.set_index("event_id")
+    classes = dict(zip(tables.vehicles["vehicle_id"], tables.vehicles["class"], strict=True))
+    for _, make in scene_makers(tables, recorded):
+        scene = make()
+        event = events.loc[scene.event_id]
+        vehicles = [int(event["ego_id"]), *map(int, event["follower_ids"])]
+        drift = drifts.without(int(event["ego_id"]), vehicles)
+        start = float(event["start_frame"] - 1) / float(event["frame_rate"])
+        for rank in range(1, len(vehicles)):
+            track = tables.tracks[scene.event_id, names.target_follower(rank)]
+            yield {
+                "event_id": scene.event_id,
+                "recording_id": int(event["recording_id"]),
+                "follower": rank,
+                "vehicle_id": vehicles[rank],
+                "time": start,
+                "a_0": _acceleration_before(track["t"], track["ax"]),
+                "drift": drift,
+                "class": classes[vehicles[rank]],
+                "location_id": location,
+                **_row(scene, rank, recorded),
+            }
+
+
+def _row(scene: Scene, rank: int, settings: ValidateSettings) -> Row:
+    """What a scene tells of a follower."""
+    followers, own = scene.followers, scene.followers.recorded[rank - 1]
+    front = own.x + own.length / 2.0
+    if rank == 1:
+        ahead_x, ahead_v, seen = scene.human.x + scene.length / 2.0, scene.human.vx, len(scene.human.x)
+        packed = pack(scene, settings)
+        before_x, before_v = (
+            np.where(np.isinf(packed.target_front), NO_LEADER, packed.target_front),
+            packed.target_v,
+        )
+        lengths = (packed.target_length, scene.length)
+        progress = np.maximum.accumulate(np.clip(scene.human.y / scene.lateral_shift, 0.0, 1.0))
+    else:
+        leader = followers.recorded[rank - 2]
+        ahead_x, ahead_v, seen = leader.x + leader.length / 2.0, leader.v, _keeps_lane(leader)
+        before_x, before_v, lengths = ahead_x, ahead_v, (leader.length, leader.length)
+        progress = np.ones(SAMPLES)
+    n = min(_keeps_lane(own), seen, SAMPLES)
+    series = (front, own.v, before_x, before_v, ahead_x, ahead_v, progress)
+    gap = before_x[0] - lengths[0] - front[0]
+    close = before_x[0] - front[0] < FOLLOWED[0] and abs(before_v[0] - own.v[0]) < FOLLOWED[1] and own.v[0] > 1.0
+    return {
+        **{name: _filled(values).tolist() for name, values in zip(SERIES, series, strict=True)},
+        "n": n,
+        "before_length": lengths[0],
+        "ahead_length": lengths[1],
+        "time_gap": float(gap / own.v[0]) if close else np.nan,
+    }
+
+
+def _filled(values: FloatArray) -> FloatArray:
+    """The first samples; the last value where there are fewer: nothing of that is judged."""
+    return np.concatenate([values[:SAMPLES], np.full(max(SAMPLES - len(values), 0), values[-1])])
+
+
+def _keeps_lane(motion: Motion) -> int:
+    """Samples until a vehicle is out of view or changes lane itself."""
+    away = np.abs(motion.y[: motion.observed] - motion.y[0]) > CHANGES_LANE
+    return int(np.argmax(away)) if away.any() else motion.observed
+
+
+def _acceleration_before(t: FloatArray, a: FloatArray) -> float:
+    """Mean recorded acceleration of the last half second before t_start, else at t_start."""
+    before = (t < 1e-9) & (t > -_BEFORE - 1e-9)
+    return float(a[before].mean()) if before.any() else float(a[0])
+
+
+class Drifts:
+    """The drift of each carriageway: the median over its vehicles of their mean acceleration in view [m/s^2]."""
+
+    def __init__(self, vehicles: pd.DataFrame) -> None:
+        self._of = {
+            int(direction): part.set_index("vehicle_id")["mean_acceleration"].dropna()
+            for direction, part in vehicles.groupby("driving_direction")
+        }
+        self._direction = dict(zip(vehicles["vehicle_id"], vehicles["driving_direction"], strict=True))
+
+    def without(self, vehicle: int, event: list[int]) -> float:
+        """The drift of the carriageway of a vehicle, from all that take no part in an event; 0 if none."""
+        others = self._of.get(int(self._direction[vehicle]), pd.Series(dtype=float)).drop(event, errors="ignore")
+        return float(others.median()) if len(others) else 0.0
+
+
+def responses_of(rows: pd.DataFrame) -> Responses:
+    """The arrays of rows of ``responses``."""
+    series = {
+        name: np.ascontiguousarray(np.stack(rows[name].tolist()).T) if len(rows) else np.empty((SAMPLES, 0))
+        for name in SERIES
+    }
+    numbers = {
+        name: rows[name].to_numpy(np.float64)
+        for name in ("before_length", "ahead_length", "a_0", "drift", "time_gap", "time")
+    }
+    return Responses(
+        **series,
+        **numbers,
+        n=rows["n"].to_numpy(np.int64),
+        truck=(rows["class"] == names.TRUCK).to_numpy(),
+        rank=rows["follower"].to_numpy(np.int64),
+        event=pd.factorize(rows["event_id"])[0].astype(np.int64),
+        recording=rows["recording_id"].to_numpy(np.int64),
+        location=rows["location_id"].to_numpy(np.int64),
+    )
