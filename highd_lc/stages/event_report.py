@@ -258,8 +258,8 @@ _READ: Final = ("plans", "losses", "tracking")
 
 @dataclass(frozen=True)
 class RecordingTables:
-    """What the artefacts hold of one recording; tracks by event and role, other rows by table and event; behind: of
-    each event, the rows of ``trajectories`` behind its recorded ego.
+    """What the artefacts hold of one recording; tracks by event and role, other rows by table and event; behind:
+    rows of ``trajectories`` behind the recorded ego, by event.
     """
 
     scenes: SceneTables
@@ -349,17 +349,17 @@ def event_report(event: Row, tables: RecordingTables, scene: Scene, settings: Va
         surface=surface_of(problem, of_event["plans"]),
         provenance=tables.provenance,
         leads=leads(scene),
-        prediction=prediction_trace(tables.behind[event_id], settings.follower_models[0])
-        if event_id in tables.behind
-        else None,
+        prediction=prediction_trace(tables.behind.get(event_id), settings.follower_models[0]),
     )
 
 
-def prediction_trace(trajectories: pd.DataFrame, default: str) -> PredictionTrace | None:
+def prediction_trace(trajectories: pd.DataFrame | None, default: str) -> PredictionTrace | None:
     """HV 1 behind the recorded lane changer, recorded and by each follower model, for an event's page.
 
     trajectories: an event's rows of that table; default: the model that plans. None if it holds no such rows.
     """
+    if trajectories is None:
+        return None
     rows = trajectories[trajectories["role"] == names.target_follower(1)]
     rows = rows[rows["policy"] == RECORDED]
     # The motion is one, whatever the accounting under which a row stands.
