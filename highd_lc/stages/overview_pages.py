@@ -28,7 +28,7 @@ from highd_lc.reporting.run_words import RunTables, nothing_said, run_in_short, 
 from highd_lc.stages.scenes import track_of
 from highd_lc.vocab import names
 from highd_lc.vocab.driver import PARAMETERS
-from highd_lc.vocab.settings import StatisticsSettings
+from highd_lc.vocab.studies import StatisticsSettings
 from highd_lc.vocab.tables import TABLES
 
 FloatArray = NDArray[np.float64]

@@ -19,7 +19,7 @@ from highd_lc.scoring.population import Bootstrap, ratio_interval, shares
 from highd_lc.stages.statistics import PAIR_OF_FORM, PAIR_OF_START_FORM, PolicyLosses
 from highd_lc.vocab import names
 from highd_lc.vocab.driver import PARAMETERS, TABLE3_MEANS, TABLE3_QUANTILES
-from highd_lc.vocab.settings import StatisticsSettings
+from highd_lc.vocab.studies import StatisticsSettings
 from highd_lc.vocab.tables import TABLES
 from highd_lc.vocab.tables.studies import SECOND_OPINIONS, TOGETHER
 

@@ -382,23 +382,8 @@ EVENT_PAGES = Table(
 TABLES: Final = {
     table.name: table
     for table in (
-        TRACKS,
-        VEHICLES,
-        RECORDINGS,
-        CROSSINGS,
-        EVENTS,
-        EVENT_TRACKS,
-        FOLLOWERS,
-        PLANS,
-        LOSSES,
-        VALIDATION_MATRIX,
-        TRACKING,
-        SUMMARY_LCM,
-        SUMMARY_LOSSES,
-        EVENT_PAGES,
-        *FIT_TABLES,
-        *PREDICTION_TABLES,
-        *STUDY_TABLES,
-        *SCENARIO_TABLES,
+        TRACKS, VEHICLES, RECORDINGS, CROSSINGS, EVENTS, EVENT_TRACKS, FOLLOWERS, PLANS, LOSSES,
+        VALIDATION_MATRIX, TRACKING, SUMMARY_LCM, SUMMARY_LOSSES, EVENT_PAGES, *FIT_TABLES, *PREDICTION_TABLES,
+        *STUDY_TABLES, *SCENARIO_TABLES,
     )
-}
+}  # fmt: skip
