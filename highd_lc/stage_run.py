@@ -9,6 +9,7 @@ from functools import cached_property, partial
 from importlib import import_module
 from types import ModuleType
 
+from pydantic import BaseModel
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
@@ -19,7 +20,7 @@ from highd_lc.io.settings import digest
 from highd_lc.io.workspace import Inputs, Records
 from highd_lc.vocab.errors import ClusterError, HighdLcError, InputError, StorageError, WorkerLostError, told
 from highd_lc.vocab.job import Combination, Job, JobReport, Options, Outcome, Problem, Provenance, ReportRequest
-from highd_lc.vocab.settings import Section, Settings
+from highd_lc.vocab.settings import Settings
 
 STAGES = ("ingest", "extract", "calibrate", "validate", "report")
 _JOINED = {"ingest": ("vehicles", "recordings"), "extract": ("crossings", "events", "event_tracks")}
@@ -152,14 +153,14 @@ class StageRun:
         return digest(self.keys[recording], self.name, workspace.code_version(), *self._dependencies)
 
     @cached_property
-    def _dependencies(self) -> list[Section | int | str]:
+    def _dependencies(self) -> list[BaseModel | int | str]:
         """Settings that the stage reads, beyond those that its inputs were made with."""
         s = self.settings
         if self._request is not None:
             pictures = "all" if self._request.pictures is None else digest(*sorted(self._request.pictures))
             place = os.path.relpath(self.options.reports.resolve(), self.options.work.resolve())
             return [s.report, place, pictures, *self.options.events, *self.options.vector]
-        sections: dict[str, list[Section | int | str]] = {
+        sections: dict[str, list[BaseModel | int | str]] = {
             "ingest": [s.ingest],
             "extract": [s.extract, s.ingest],
             "calibrate": [s.calibrate, s.validation.followers, s.validation.loss, s.validation.statistics, s.seed],
@@ -182,7 +183,12 @@ class StageRun:
             return None
         o = self.options
         wanted: ReportRequest = stage_module(self.name).choose(
-            o.work, self.settings.report, reports=o.reports, events=o.events, vector=o.vector
+            o.work,
+            self.settings.report,
+            reports=o.reports,
+            events=o.events,
+            vector=o.vector,
+            model=self.settings.validation.follower_models[0],
         )
         return wanted
 

@@ -105,6 +105,14 @@ def _prescribed(columns: tuple[FloatArray, ...], samples: int, crossing: int) ->
     return AvMotion(x, y, vx, vy, ax, jerk, n=n, crossing=crossing)
 
 
+def box_centre(av: AvMotion, rear_to_centre: float) -> tuple[FloatArray, FloatArray]:
+    """x, y of the AV's box centre [m], each of shape (N + 1,): a planned point is the rear axle, moved forward by
+    rear_to_centre [m] (equations.md 2); 0 where the motion is that of the centre.
+    """
+    heading = np.arctan2(av.vy, av.vx)
+    return av.x + rear_to_centre * (np.cos(heading) - 1.0), av.y + rear_to_centre * np.sin(heading)
+
+
 def replay(av: AvMotion, scene: PackedScene) -> Replay:
     """Let the AV drive on after T and the followers react.
 

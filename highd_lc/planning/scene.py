@@ -78,6 +78,11 @@ class Followers:
     parameters: LCM of each with L moved behind the AV (L_replay), shape (p, 6). L_no_change: L of the first
     one when it stays behind the target leader [m]. recorded: their recorded motions where in view. spread:
     standard deviation of each parameter, 0 where unknown, shape (p, 6); None: of none.
+
+    The rest says how they react (equations.md 3); left out, it leaves the bare model. family: of
+    ``names.FAMILIES``, whose parameters these are. memory, relaxation [s], need, a_0, drift [m/s^2], moment (share
+    of the AV's lateral way from which it is the leader of who gets it): each of shape (p,); None or NaN: 0, an
+    infinite need, the moment of the setting ``leader_from``.
     """
 
     x: FloatArray
@@ -89,6 +94,13 @@ class Followers:
     L_no_change: float
     recorded: tuple[Motion, ...]
     spread: FloatArray | None = None
+    family: str = names.LCM
+    memory: FloatArray | None = None
+    relaxation: FloatArray | None = None
+    need: FloatArray | None = None
+    a_0: FloatArray | None = None
+    drift: FloatArray | None = None
+    moment: FloatArray | None = None
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,7 @@ Figure of the choice of the start: who waits, over spacing and speed difference,
 """
 
 from collections.abc import Mapping, Sequence
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 import pandas as pd
@@ -45,7 +45,8 @@ def matrix_figure(matrix: pd.DataFrame) -> Figure:
     _interval(axes, y, rows, [CELL_COLOURS[form] for form in rows["form"]])
     axes.plot(100 * rows["gain_av"], y, "|", color=QUIET, ms=9, mew=1.6, label="AV alone")
     axes.plot(100 * rows["gain_hv"], y, "x", color=QUIET, ms=6, mew=1.4, label="followers alone")
-    axes.set_yticks(y, [_cell_label(row) for row in rows.itertuples(index=False)])
+    several = len(set(rows["followers"])) > 1
+    axes.set_yticks(y, [_cell_label(row, several) for row in rows.itertuples(index=False)])
     _gain_axis(axes)
     figure.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=2, **LEGEND)
     return figure
@@ -63,8 +64,9 @@ def strata_figure(matrix: pd.DataFrame, *, form: str, accounting: str) -> Figure
     return figure
 
 
-def _cell_label(row: object) -> str:
-    return f"{labels.FORMS[row.form]}, {labels.ACCOUNTING_NAMES[row.accounting].lower()}"  # type: ignore[attr-defined]
+def _cell_label(row: Any, several: bool) -> str:
+    model = f"{labels.follower_model(row.followers)}: " * several
+    return f"{model}{labels.FORMS[row.form]}, {labels.ACCOUNTING_NAMES[row.accounting].lower()}"
 
 
 def _interval(axes: Axes, y: FloatArray, rows: pd.DataFrame, colours: Sequence[str]) -> None:

@@ -72,7 +72,7 @@ def run(job: Job) -> JobReport:
 def _responses(job: Job, followers: pd.DataFrame) -> pd.DataFrame:
     """What the recording's followers did behind the lane changers."""
     settings = job.settings.validation
-    tables = read_scene_tables(job.work, job.recording, settings.planner, fits=followers)
+    tables = read_scene_tables(job.work, job.recording, settings, fits=followers)
     about = artefacts.read(job.work, "recordings", recording=job.recording)
     location = int(about["location_id"].iloc[0]) if len(about) else 0
     rows = response_rows(tables, settings, Drifts(tables.vehicles), location=location)

@@ -27,7 +27,9 @@ def starts(tables):
 
 
 def merged(tables, *, chooses_start):
-    both = tables["plans"].merge(tables["losses"], on=KEYS, suffixes=("", "_loss"))
+    """The plans of the fitted drivers with their losses."""
+    both = tables["plans"].merge(tables["losses"], on=["followers", *KEYS], suffixes=("", "_loss"))
+    both = both[both["followers"] == "own_fit"]
     return both[both["T"].notna() & (both["policy"].str.endswith("_start") == chooses_start)]
 
 

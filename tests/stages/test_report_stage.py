@@ -144,8 +144,8 @@ def test_the_page_on_followers_is_there_if_its_tables_are(work, tmp_path, presen
 def test_the_words_on_followers_are_those_of_the_tables(work, tmp_path):
     without = with_predictions(work, tmp_path / "without", present=False)
     empty = with_predictions(work, tmp_path / "empty", present=True)
-    assert "no prediction" in followers_believed(without)[0]
-    assert "none is in view" in followers_believed(empty)[0]
+    assert "no prediction" in followers_believed(without, "own_fit")[0]
+    assert "none is in view" in followers_believed(empty, "own_fit")[0]
 
 
 def test_every_link_leads_to_a_file(made):
@@ -266,7 +266,7 @@ def test_top_events_are_those_that_differ_most(work):
         index="event_id", columns="policy", values="loss_total"
     )
     difference = (1 - wide[names.LOCAL_OPTIMUM] / wide[names.BENCHMARK]).abs()
-    assert report.top_events(work, 1) == {difference.idxmax()}
+    assert report.top_events(work, 1, "own_fit") == {difference.idxmax()}
 
 
 def test_pictures_no_longer_wanted_go(work, tmp_path):
