@@ -41,6 +41,16 @@ def test_rows_are_ordered_and_each_is_there_once(pipeline_run, rows):
     assert set(rows["event_id"]) == set(artefacts.read(pipeline_run.work, "events")["event_id"])
 
 
+def test_polars_reads_the_same_plain_columns(pipeline_run, rows):
+    polars = pytest.importorskip("polars")
+    found = polars.read_parquet(pipeline_run.work / "trajectories" / "**" / "*.parquet")
+    kinds = {"string": "String", "float32": "Float32"}
+    expected = {column.name: kinds[column.kind] for column in TABLES["trajectories"].columns}
+    assert {name: str(kind) for name, kind in found.schema.items() if name != "recording"} == expected
+    assert len(found) == len(rows)
+    assert found["x"].sum() == pytest.approx(rows["x"].sum(), rel=1e-3)
+
+
 def hv_each(roles):
     """Loss of each follower over 0..H, nearest first, unweighted."""
     each = []
