@@ -85,6 +85,12 @@ POOL: Final = "pool"
 TABLE3: Final = "table3"
 FIT_STATUSES: Final = (FITTED, CLASS_POOL, POOL, TABLE3)
 
+# Families of the followers' commands (equations.md 3).
+NO_COMMAND: Final = "none"
+LCM: Final = "lcm"
+IDM: Final = "idm"
+FAMILIES: Final = (NO_COMMAND, LCM, IDM)
+
 # Vehicle classes as HighD writes them.
 CAR: Final = "Car"
 TRUCK: Final = "Truck"
