@@ -5,7 +5,7 @@ axis, so that LLVM vectorises the LCM. Everything that all candidates of a row s
 the lateral separation from everybody) is computed once per sample.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
@@ -232,53 +232,9 @@ def _drive_av(
 
 
 @njit(inline="always")
-def _step(
-    k: int,
+def _drive_all_the_way(
     family: int,
     reacts: bool,
-    driver: tuple[float, float, float, float, float, float],
-    length: float,
-    share: float,
-    reaction: tuple[float, float, float, float],
-    charge: tuple[float, float, float, float],
-    dt: float,
-    hardest: float,
-    state: FloatArray,
-    ahead: FloatArray,
-    speed: FloatArray,
-    own: FloatArray,
-) -> None:
-    """A follower's step at sample k, of all candidates. family, reacts: constants where this is inlined.
-
-    share: of the jump that is still credited; reaction: m, a_0, drift, need; charge: weight of a step of the
-    command, of a speed difference, the reference speed, 0 where only the shortfall counts.
-    """
-    v_desire, A, b, B, tau, L = driver
-    m, a_0, drift, need = reaction
-    counted, efficiency, ref, both_sides = charge
-    for w in range(WIDTH):
-        x, v = state[FRONT * WIDTH + w], state[SPEED * WIDTH + w]
-        spacing, v_leader = ahead[k * WIDTH + w] - x, speed[k * WIDTH + w]
-        if reacts:
-            credit, v_credit = share * state[JUMP * WIDTH + w], share * state[V_JUMP * WIDTH + w]
-            a = follower_command(
-                family, v, spacing, v_leader, length, v_desire, A, b, B, tau, L,
-                credit, v_credit, m, a_0, drift, need, hardest,
-            )  # fmt: skip
-        else:
-            a = bounded(family_command(family, v, spacing, v_leader, length, v_desire, A, b, B, tau, L), hardest)
-        later, faster = advance(x, v, a, dt)
-        short = ref - v
-        state[TO_H * WIDTH + w] += counted * abs(a - state[COMMAND * WIDTH + w]) + efficiency * max(
-            short, -both_sides * short
-        )
-        state[NEAREST * WIDTH + w] = min(state[NEAREST * WIDTH + w], spacing)
-        own[k * WIDTH + w], speed[k * WIDTH + w] = x, v
-        state[FRONT * WIDTH + w], state[SPEED * WIDTH + w], state[COMMAND * WIDTH + w] = later, faster, a
-
-
-@njit(cache=True, nogil=True, fastmath={"contract", "arcp"}, error_model="numpy", **UNALIASED)
-def _drive_follower(
     i: int,
     n: int,
     insertion: int,
@@ -289,15 +245,10 @@ def _drive_follower(
     speed: FloatArray,
     own: FloatArray,
 ) -> None:
-    """Fronts of follower i behind the fronts ahead and their speeds, which its own replace.
-
-    insertion: sample from which the first one has the AV as leader. In the scratch: its losses, and its smallest
-    spacing to whom it follows (to the AV: from the crossing on).
-    """
+    """See ``_driving``. family, reacts: constants where this is inlined."""
     dt, hardest, leader_length = scene.dt, scene.hardest, scene.follower_length[i - 1] if i else scene.length
     v_desire, A, b, B, tau, L_replay = scene.parameters[i]
-    family, memory, relaxation, need, a_0, drift, _ = scene.reactions[i]
-    reacts = memory > 0.0 or drift != 0.0 or need < UNBOUNDED or (relaxation > 0.0 and i == 0)
+    _, memory, relaxation, need, a_0, drift, _ = scene.reactions[i]
     comfort, efficiency, ref = terms.comfort, terms.efficiency, terms.hv_ref[i]
     both_sides = 0.0 if terms.one_sided else 1.0
     insertion, joined = (0, 0) if i else (insertion, n // 2)
@@ -312,33 +263,96 @@ def _drive_follower(
         state[JUMP * WIDTH + w], state[V_JUMP * WIDTH + w] = 0.0, 0.0
     for k in range(len(scene.target_v)):
         L, length = (L_replay, leader_length) if k >= insertion else (scene.first_L, scene.target_length)
-        driver = (v_desire, A, b, B, tau, L)
-        charge = (comfort / dt if k > 0 else 0.0, efficiency, ref, both_sides)
         if k == joined:
             state[NEAREST * WIDTH : (NEAREST + 1) * WIDTH] = np.inf
-        if k == insertion and relaxation > 0.0 and i == 0:
+        if reacts and k == insertion and relaxation > 0.0 and i == 0:
             for w in range(WIDTH):
                 x, v = state[FRONT * WIDTH + w], state[SPEED * WIDTH + w]
                 state[JUMP * WIDTH + w], state[V_JUMP * WIDTH + w] = jump(
                     family, v, ahead[k * WIDTH + w] - x, speed[k * WIDTH + w],
                     scene.target_front[k] - x, scene.target_v[k], b, B, tau, L,
                 )  # fmt: skip
-        share = credited((k - insertion) * dt, relaxation)
-        reaction = (m, a_0, drift, need)
-        if family == LCM and not reacts:
-            _step(k, LCM, False, driver, length, share, reaction, charge, dt, hardest, state, ahead, speed, own)
-        elif family == LCM:
-            _step(k, LCM, True, driver, length, share, reaction, charge, dt, hardest, state, ahead, speed, own)
-        elif family == IDM:
-            _step(k, IDM, True, driver, length, share, reaction, charge, dt, hardest, state, ahead, speed, own)
-        else:
-            _step(
-                k, NO_COMMAND, True, driver, length, share, reaction, charge, dt, hardest, state, ahead, speed, own
+        share = credited((k - insertion) * dt, relaxation) if reacts else 0.0
+        counted = comfort / dt if k > 0 else 0.0
+        for w in range(WIDTH):
+            x, v = state[FRONT * WIDTH + w], state[SPEED * WIDTH + w]
+            spacing, v_leader = ahead[k * WIDTH + w] - x, speed[k * WIDTH + w]
+            if reacts:
+                credit, v_credit = share * state[JUMP * WIDTH + w], share * state[V_JUMP * WIDTH + w]
+                a = follower_command(
+                    family, v, spacing, v_leader, length, v_desire, A, b, B, tau, L,
+                    credit, v_credit, m, a_0, drift, need, hardest,
+                )  # fmt: skip
+            else:
+                a = bounded(
+                    family_command(family, v, spacing, v_leader, length, v_desire, A, b, B, tau, L), hardest
+                )
+            later, faster = advance(x, v, a, dt)
+            short = ref - v
+            state[TO_H * WIDTH + w] += counted * abs(a - state[COMMAND * WIDTH + w]) + efficiency * max(
+                short, -both_sides * short
             )
+            state[NEAREST * WIDTH + w] = min(state[NEAREST * WIDTH + w], spacing)
+            own[k * WIDTH + w], speed[k * WIDTH + w] = x, v
+            state[FRONT * WIDTH + w], state[SPEED * WIDTH + w], state[COMMAND * WIDTH + w] = later, faster, a
         m *= kept
         if k == n:
             for w in range(WIDTH):
                 state[TO_T * WIDTH + w] = state[TO_H * WIDTH + w]
+
+
+def _driving(family: int, reacts: bool) -> Any:
+    """The kernel of followers of a family, bare or reacting, with a machine code of its own.
+
+    It fills the fronts of follower i, behind the fronts ahead and their speeds, which its own replace. insertion:
+    sample from which the first one has the AV as leader. In the scratch: its losses, and its smallest spacing to
+    whom it follows (to the AV: from the crossing on).
+    """
+
+    @njit(cache=True, nogil=True, fastmath={"contract", "arcp"}, error_model="numpy", **UNALIASED)
+    def drive(
+        i: int,
+        n: int,
+        insertion: int,
+        state: FloatArray,
+        scene: PackedScene,
+        terms: LossTerms,
+        ahead: FloatArray,
+        speed: FloatArray,
+        own: FloatArray,
+    ) -> None:
+        _drive_all_the_way(family, reacts, i, n, insertion, state, scene, terms, ahead, speed, own)
+
+    return drive
+
+
+_drive_bare_lcm, _drive_lcm = _driving(LCM, False), _driving(LCM, True)
+_drive_idm, _drive_uncommanded = _driving(IDM, True), _driving(NO_COMMAND, True)
+
+
+@njit(cache=True, nogil=True)
+def _drive_follower(
+    i: int,
+    n: int,
+    insertion: int,
+    state: FloatArray,
+    scene: PackedScene,
+    terms: LossTerms,
+    ahead: FloatArray,
+    speed: FloatArray,
+    own: FloatArray,
+) -> None:
+    """Follower i by its family (see ``_driving``)."""
+    family, memory, relaxation, need, _, drift, _ = scene.reactions[i]
+    bare = memory == 0.0 and drift == 0.0 and need == UNBOUNDED and (relaxation == 0.0 or i > 0)
+    if family == LCM and bare:
+        _drive_bare_lcm(i, n, insertion, state, scene, terms, ahead, speed, own)
+    elif family == LCM:
+        _drive_lcm(i, n, insertion, state, scene, terms, ahead, speed, own)
+    elif family == IDM:
+        _drive_idm(i, n, insertion, state, scene, terms, ahead, speed, own)
+    else:
+        _drive_uncommanded(i, n, insertion, state, scene, terms, ahead, speed, own)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
