@@ -5,7 +5,7 @@
 Everybody moves on the states of the same instant. A model alone asks for any braking when the spacing vanishes:
 the LCM for up to exp(40) m/s^2. ``hardest`` [m/s^2, positive] is what the road gives; infinite = unbounded.
 
-A follower behind a lane change is more than its family's command (equations.md 3):
+A follower behind a lane change is more than its family's command (equations.md 3.10):
 
     a = m a_0 + (1 - m) (command(v, spacing + credit, v_leader + credit) + drift),   m = exp(-t / memory)
 

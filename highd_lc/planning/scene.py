@@ -79,7 +79,7 @@ class Followers:
     one when it stays behind the target leader [m]. recorded: their recorded motions where in view. spread:
     standard deviation of each parameter, 0 where unknown, shape (p, 6); None: of none.
 
-    The rest says how they react (equations.md 3); left out, it leaves the bare model. family: of
+    The rest says how they react (equations.md 3.10); left out, it leaves the bare model. family: of
     ``names.FAMILIES``, whose parameters these are. memory, relaxation [s], need, a_0, drift [m/s^2], moment (share
     of the AV's lateral way from which it is the leader of who gets it): each of shape (p,); None or NaN: 0, an
     infinite need, the moment of the setting ``leader_from``.
