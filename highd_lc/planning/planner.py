@@ -227,7 +227,7 @@ def unchanged_motion(problem: PlanningProblem) -> tuple[AvMotion, FloatArray, Fl
     samples = len(packed.target_v)
     front = np.full(samples, np.inf) if origin is None else origin.x + origin.length / 2.0
     speed = np.zeros(samples) if origin is None else origin.v
-    lane = packed._replace(target_front=front, target_v=speed, D=0.0, from_crossing=False)
+    lane = packed._replace(target_front=front, target_v=speed, D=0.0)
     free = free_motion(packed)
     drive_on(free.x, free.y, free.vx, free.ax, free.jerk, free.n, lane)
     x, v, a = (np.empty((len(packed.follower_x), samples)) for _ in range(3))

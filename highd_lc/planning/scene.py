@@ -7,12 +7,12 @@ fronts), and of the box centre where ellipses are compared.
 """
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from highd_lc.core.drive import hardest_braking
+from highd_lc.core.drive import LCM, hardest_braking
 from highd_lc.core.ellipse import semi_axes
 from highd_lc.core.losses import follower_weights
 from highd_lc.vocab import names
@@ -79,7 +79,7 @@ class Followers:
     one when it stays behind the target leader [m]. recorded: their recorded motions where in view. spread:
     standard deviation of each parameter, 0 where unknown, shape (p, 6); None: of none.
 
-    The rest says how they react (equations.md 3); left out, it leaves the bare model. family: of
+    The rest says how they react (equations.md 3.10); left out, it leaves the bare model. family: of
     ``names.FAMILIES``, whose parameters these are. memory, relaxation [s], need, a_0, drift [m/s^2], moment (share
     of the AV's lateral way from which it is the leader of who gets it): each of shape (p,); None or NaN: 0, an
     infinite need, the moment of the setting ``leader_from``.
@@ -129,6 +129,12 @@ class Scene:
     next_leaders: tuple[NextLeader, ...] = ()
 
 
+FAMILY, MEMORY, RELAXATION, NEED, A_0, DRIFT, MOMENT = range(7)
+"""Columns of ``PackedScene.reactions``: code of the family, then as in ``Followers``."""
+BARE_LCM: Final = (float(LCM), 0.0, 0.0, np.inf, 0.0, 0.0)
+"""Reactions of who is an LCM driver and nothing more, without the moment."""
+MOMENT_OF: Final = {"start": 0.0, "crossing": 0.5}
+"""The moment that a setting ``leader_from`` stands for."""
 PAPER_SEMI_AXES = (2.5, 1.0)
 """C_a and C_b of the paper [m]; they do not contain the corners of its own 5 m x 2 m box (equations.md 10)."""
 
@@ -140,11 +146,11 @@ class PackedScene(NamedTuple):
     speed and length of who leads the target lane, infinite, 0 and 0 without one; a later leader's front is its
     rear plus the first one's length, so that gaps are right and L, which belongs to that length, stays right.
     leader_x, leader_y (m, N + 1), leader_a, leader_b (m,): the target leader is the last. follower_* (p,),
-    parameters (p, 6), first_L: L of the first follower while it is behind the target leader. origin_follower: x,
-    y, v, length, a, b, or empty. av_parameters (6,). weights (p,). from_crossing: whether the first follower
-    follows the AV only from the crossing. after_lcm: the AV's drive after T. counts_handover: whether the step of
-    the AV's command onto that drive, from 0, is charged. hardest: bound of everybody's commanded braking [m/s^2].
-    asks_all: whether contacts between the others count as well.
+    parameters (p, 6), reactions (p, 7): how each turns them into a command, first_L: L of the first follower while
+    it is behind the target leader. clock: how long before sample 0 everybody's memory began to fade [s].
+    origin_follower: x, y, v, length, a, b, or empty. av_parameters (6,). weights (p,). after_lcm: the AV's drive
+    after T. counts_handover: whether the step of the AV's command onto that drive, from 0, is charged. hardest:
+    bound of everybody's commanded braking [m/s^2]. asks_all: whether contacts between the others count as well.
     """
 
     v0: float
@@ -168,11 +174,12 @@ class PackedScene(NamedTuple):
     follower_a: FloatArray
     follower_b: FloatArray
     parameters: FloatArray
+    reactions: FloatArray
     first_L: float
+    clock: float
     origin_follower: FloatArray
     av_parameters: FloatArray
     weights: FloatArray
-    from_crossing: bool
     after_lcm: bool
     counts_handover: bool
     hardest: float
@@ -210,16 +217,35 @@ def pack(scene: Scene, settings: ValidateSettings) -> PackedScene:
         follower_a=np.array([one for one, _ in axes]),
         follower_b=np.array([two for _, two in axes]),
         parameters=np.ascontiguousarray(followers.parameters),
+        reactions=_reactions(followers, MOMENT_OF[settings.planner.leader_from]),
         first_L=followers.L_no_change,
+        clock=0.0,
         origin_follower=_origin_follower(scene.origin_follower, paper),
         av_parameters=TABLE3_MEANS.as_array(),
         weights=scene_weights(scene),
-        from_crossing=settings.planner.leader_from == "crossing",
         after_lcm=settings.planner.after == "lcm",
         counts_handover=settings.loss.handover == "counted",
         hardest=hardest_braking(settings.followers.b_max),
         asks_all=settings.constraints.contacts == "all",
     )
+
+
+def _reactions(followers: Followers, moment: float) -> FloatArray:
+    """How each follower reacts, shape (p, 7). moment: of those whose model has none of its own."""
+    given = (
+        followers.memory,
+        followers.relaxation,
+        followers.need,
+        followers.a_0,
+        followers.drift,
+        followers.moment,
+    )
+    out = np.tile([*BARE_LCM, moment], (len(followers.x), 1))
+    out[:, FAMILY] = names.FAMILIES.index(followers.family)
+    for column, values in enumerate(given, start=MEMORY):
+        if values is not None:
+            out[:, column] = np.where(np.isnan(values), out[:, column], values)
+    return out
 
 
 def scene_weights(scene: Scene) -> FloatArray:

@@ -19,7 +19,8 @@ from highd_lc.planning.planner import (
     overlap_at_start,
 )
 from highd_lc.planning.pool import OVERTAKES, Goal, Pool
-from highd_lc.planning.replay import AvMotion, Entry, Replay, clearances, drive_on, follow, plan_motion
+from highd_lc.planning.replay import AvMotion, Entry, Replay, clearances, drive_on, follow, joins, plan_motion
+from highd_lc.planning.scene import MOMENT
 from highd_lc.planning.search import nominal_rejections
 from highd_lc.planning.start_search import search_starts
 from highd_lc.planning.starts import CONTAINED, Key, StartProblem, best_of, pose_starts
@@ -167,7 +168,7 @@ def replay_behind(posed: StartProblem, key: Key, av: AvMotion) -> Replay:
     scene = gap.delayed(d, posed.waiting)
     x0 = float(posed.waiting.av.x[d])
     later = [np.empty((len(gap.x), len(av.x) - d)) for _ in range(3)]
-    insertion = av.crossing - d if scene.from_crossing else 0
+    insertion = max(joins(av, scene) - d, 0)
     follow(av.x[d:] - x0 + scene.length / 2.0, av.vx[d:], insertion, scene, *later)
     later[0] += x0
     behind = [np.hstack([b[:, :d], m]) for b, m in zip((gap.x, gap.v, gap.a), later, strict=True)]
@@ -183,7 +184,7 @@ def _entry(posed: StartProblem, key: Key, behind: list[FloatArray]) -> Entry:
     if gap.name == names.GAP_AHEAD:
         front = behind[0][0] + gap.scene.follower_length[0] / 2.0
         return Entry(0, None, front, behind[1][0])
-    handed = d if d > 0 and not packed.from_crossing else None
+    handed = d if d > 0 and not packed.reactions[gap.passed, MOMENT] else None
     return Entry(gap.passed + 1, handed, packed.target_front, packed.target_v)
 
 

@@ -22,7 +22,7 @@ from highd_lc.drivers.calibration import RecordedMotion, following_track
 from highd_lc.io import artefacts
 from highd_lc.planning import planner
 from highd_lc.planning.planner import FORM_OF, PlanningProblem
-from highd_lc.planning.replay import AvMotion, box_centre, drive_on, follow, human_motion, plan_motion
+from highd_lc.planning.replay import AvMotion, box_centre, drive_on, follow, human_motion, joins, plan_motion
 from highd_lc.planning.scene import Motion, PackedScene, Scene, leaders_of
 from highd_lc.planning.start_planner import FORM_OF_START, key_of, replay_start
 from highd_lc.planning.starts import Key, StartProblem, pose_starts
@@ -210,7 +210,7 @@ def _driven(av: AvMotion, scene: PackedScene) -> Driven:
     # As ``replay`` does, but without the clearances, which stand in the tables and take most of its time.
     drive_on(av.x, av.y, av.vx, av.ax, av.jerk, av.free_from, scene)
     x, v, a = (np.empty((len(scene.follower_x), len(av.x))) for _ in range(3))
-    follow(av.x + scene.length / 2.0, av.vx, av.crossing if scene.from_crossing else 0, scene, x, v, a)
+    follow(av.x + scene.length / 2.0, av.vx, joins(av, scene), scene, x, v, a)
     return av, (x, v, a)
 
 

@@ -75,6 +75,31 @@ def _followers(
     )
 
 
+REACTIONS = {
+    "memory": (2.0, 9.0),
+    "relaxation": (5.0, 20.0),
+    "need": (0.5, 2.0),
+    "a_0": (-0.6, 0.6),
+    "drift": (-0.3, 0.3),
+}
+"""Ranges of how followers may react: seconds, and accelerations in m/s^2."""
+
+
+def reacting(
+    scene: Scene,
+    rng: np.random.Generator,
+    *,
+    family: str = names.LCM,
+    moment: float | None = None,
+    parts: tuple[str, ...] = tuple(REACTIONS),
+) -> Scene:
+    """The same scene with followers that react each in its own way. parts: which of ``REACTIONS`` they have."""
+    p = len(scene.followers.x)
+    drawn = {part: rng.uniform(*REACTIONS[part], p) for part in parts}
+    share = None if moment is None else np.full(p, moment)
+    return replace(scene, followers=replace(scene.followers, family=family, moment=share, **drawn))
+
+
 def _human(v0: float) -> Human:
     zero = np.zeros(56)
     return Human(zero, zero, zero + v0, zero, zero, zero, zero, zero, 27, 0.0)
