@@ -146,6 +146,7 @@ def _scene(event: object, tables: SceneTables, settings: ValidateSettings) -> Sc
         width=width,
         wheelbase=WHEELBASE_SHARE * length,
         dt=TIME_STEP,
+        horizon=settings.loss.horizon_s,
         target_leader=target_leader,
         origin_leader=_leader(event, names.ORIGIN_LEADER, tables, settings),
         origin_follower=_leader(event, names.ORIGIN_FOLLOWER, tables, settings),

@@ -214,12 +214,15 @@ def tracking_rows(tracker: PlanTracker, plans: Sequence[Plan], *, multi_body: bo
                 # Policies often choose the same plan, whose replay they share: it is driven once.
                 key = id(plan.replay), plant
                 if plan.replay is None or key not in known:
-                    known[key] = _row(tracker, plan, plant)
+                    known[key] = tracking_row(tracker, plan, plant)
                 yield known[key] | {"policy": plan.policy}
 
 
-def _row(tracker: PlanTracker, plan: Plan, plant: str) -> Row:
-    """Without a plan, or with one that cannot be driven, the status alone: every number is missing, none is 0."""
+def tracking_row(tracker: PlanTracker, plan: Plan, plant: str) -> Row:
+    """What tracking makes of a plan on a plant, by the columns of ``tracking``.
+
+    Without a plan, or with one that cannot be driven, the status alone: every number is missing, none is 0.
+    """
     driven = tracker.drive(plan, plant)
     row: Row = {"policy": plan.policy, "plant": plant, "status": plan.status, "contact": ""}
     if driven is None:
