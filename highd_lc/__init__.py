@@ -1,7 +1,7 @@
 """Lane changes on motorways: how they are planned, what they cost the drivers behind, how a car drives them.
 
-``import highd_lc as lc`` is the door for Python (docs/api.md); ``__init__.pyi`` lists what it offers. Importing costs
-next to nothing: a name is imported from where it stands when it is first asked for.
+``import highd_lc as lc`` is the door for Python (docs/api.md); ``__init__.pyi`` lists what it offers. Importing
+costs next to nothing: a name is imported from where it stands when it is first asked for.
 """
 
 from functools import cache

@@ -59,7 +59,7 @@ def fit_driver(follower: Follower) -> DriverFit:
 
     Example:
         >>> import highd_lc as lc
-        >>> event = lc.lane_changes(lc.synthesize(seconds=60, seed=3)[0])[0]
+        >>> event = lc.lane_changes(lc.synthesize(seconds=60, seed=6)[0])[0]
         >>> fit = lc.fit_driver(event.followers[0])
         >>> fit.status in ("fitted", "table3") and 0.1 <= fit.driver.tau <= 10.0
         True
@@ -89,7 +89,7 @@ def fit_drivers(event: Event) -> list[DriverFit]:
 
     Example:
         >>> import highd_lc as lc
-        >>> event = lc.lane_changes(lc.synthesize(seconds=60, seed=3)[0])[0]
+        >>> event = lc.lane_changes(lc.synthesize(seconds=60, seed=6)[0])[0]
         >>> len(lc.fit_drivers(event)) == len(event.followers)
         True
     """

@@ -34,6 +34,18 @@ _OF_LOSS = (
     "contact",
 )
 
+_LOSSES = {
+    "av": "loss_av",
+    "followers": "loss_hv",
+    "total": "loss_total",
+    "av_comfort": "av_comfort",
+    "av_efficiency": "av_efficiency",
+    "followers_comfort": "hv_comfort",
+    "followers_efficiency": "hv_efficiency",
+    "increment": "loss_hv_increment",
+}
+"""Columns of ``losses`` by the fields of ``Loss``."""
+
 
 @dataclass(frozen=True)
 class Loss:
@@ -136,14 +148,9 @@ class Plan:
     @property
     def loss(self) -> Loss:
         """What it costs."""
-        value = {name: self.columns.get(name, np.nan) for name in ("loss_av", "loss_hv", "loss_total")}
-        parts = ("av_comfort", "av_efficiency", "hv_comfort", "hv_efficiency", "loss_hv_increment")
-        return Loss(
-            *value.values(),
-            *(self.columns.get(name, np.nan) for name in parts),
-            each=tuple(self.columns["loss_hv_each"]),
-            weights=tuple(self.columns["follower_weights"]),
-        )
+        value = {to: float(self.columns.get(column, np.nan)) for to, column in _LOSSES.items()}
+        each, weights = (tuple(self.columns[name]) for name in ("loss_hv_each", "follower_weights"))
+        return Loss(**value, each=each, weights=weights)
 
     @property
     def safety(self) -> dict[str, float]:
@@ -240,8 +247,8 @@ def compare(
 
     Returns:
         A row a policy, in the order asked for: status, T [s], x_final [m], v_end [m/s], delay_s, gap, losses
-        without unit, gaps [m], time to collision [s], DRAC [m/s^2]; NaN where there is nothing. The status of ``human`` is
-        ``not_recorded`` in a scene made by hand.
+        without unit, gaps [m], time to collision [s], DRAC [m/s^2]; NaN where there is nothing. The status of
+        ``human`` is ``not_recorded`` in a scene made by hand.
 
     Raises:
         UsageError: a policy or the accounting is unknown.

@@ -54,20 +54,21 @@ def simulate_platoon(
         (6010, True)
     """
     dt = _step(leader)
-    numbers = {"spacing": spacing, "length": length, "leader_length": leader_length, "b_max": b_max}
-    bad = [
-        name for name, value in numbers.items() if not 0.0 <= value < np.inf or (value == 0 and name != "b_max")
-    ]
+    positive = {"spacing": spacing, "length": length, "leader_length": leader_length}
+    other = {"b_max": b_max, "speed": float(leader["v"].iloc[0]) if speed is None else speed}
+    bad = [f"{name} = {value}" for name, value in positive.items() if not 0.0 < value < np.inf]
+    bad += [f"{name} = {value}" for name, value in other.items() if not 0.0 <= value < np.inf]
     if bad or not len(drivers):
-        told = ", ".join(f"{name} = {numbers[name]}" for name in bad) or "drivers: none"
-        raise UsageError(f"{told}: a platoon needs a driver and finite positive numbers")
+        raise UsageError(
+            f"{', '.join(bad) or 'drivers: none'}: a platoon needs a driver and finite positive numbers"
+        )
     lead = Lead(
         leader["x"].to_numpy(np.float64) + leader_length / 2.0, leader["v"].to_numpy(np.float64), leader_length
     )
     columns = [columns_of(driver) for driver in drivers]
     start = PlatoonStart(
         front=lead.front[0] - spacing * np.arange(1.0, len(drivers) + 1.0),
-        v=np.full(len(drivers), lead.v[0] if speed is None else float(speed)),
+        v=np.full(len(drivers), other["speed"]),
         length=np.full(len(drivers), length),
         parameters=np.array([[row[name] for name in PARAMETERS] for row in columns]),
     )

@@ -207,7 +207,7 @@ def _steady(vehicle: Vehicle | None, y: float, horizon: float) -> Motion | None:
     t = np.arange(round(horizon / TIME_STEP) + 1) * TIME_STEP
     still = np.zeros(len(t))
     x, v = vehicle.x + vehicle.v * t, still + vehicle.v
-    return Motion(x, still + y, v, still, vehicle.length, vehicle.width, observed=1)
+    return Motion(np.asarray(x, dtype=np.float64), still + y, v, still, vehicle.length, vehicle.width, observed=1)
 
 
 def _followers(vehicles: Sequence[Vehicle], y: float) -> Followers:

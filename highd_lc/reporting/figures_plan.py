@@ -9,7 +9,7 @@ from highd_lc.reporting import labels
 from highd_lc.reporting.drawing import INK, LEGEND, LINE, QUIET, label, panels
 from highd_lc.vocab import names
 
-_FOLLOWERS: Final = ("#0072B2", "#56B4E9", "#009E73", "#E69F00", "#B0578D", "#D55E00")
+_FOLLOWERS: Final = ("#009E73", "#8E6BBF", "#B0578D", "#7F9F3F", "#4FB3A5")
 
 
 def plan_figure(motion: pd.DataFrame, *, policy: str, T: float) -> Figure:
@@ -21,7 +21,8 @@ def plan_figure(motion: pd.DataFrame, *, policy: str, T: float) -> Figure:
     across, speeds = axes[:, 0]
     for role, rows in motion.groupby("role", sort=False):
         colour, width = _look(str(role), policy)
-        speeds.plot(rows["t"], rows["v"], color=colour, lw=width, label=labels.role(str(role)))
+        style = ":" if role == names.ORIGIN_FOLLOWER else "-"
+        speeds.plot(rows["t"], rows["v"], style, color=colour, lw=width, label=labels.role(str(role)))
         if role == names.EGO:
             across.plot(rows["t"], rows["y"], color=colour, lw=width)
     for one in (across, speeds):
