@@ -23,7 +23,8 @@ from highd_lc.vocab.job import Combination, Job, JobReport, Options, Outcome, Pr
 from highd_lc.vocab.settings import Settings
 
 STAGES = ("ingest", "extract", "calibrate", "validate", "report")
-_JOINED = {"ingest": ("vehicles", "recordings"), "extract": ("crossings", "events", "event_tracks")}
+JOINED = {"ingest": ("vehicles", "recordings"), "extract": ("crossings", "events", "event_tracks")}
+"""Tables of the stages whose artefacts are nothing but the parts of all recordings in one."""
 _FATAL = (StorageError, ClusterError)
 """Errors that are not of one recording: the others would meet them too."""
 
@@ -139,10 +140,10 @@ class StageRun:
             report, carry_out = stage_module(self.name), partial(_carry_out, execution)
             counted: JobReport = report.combine(combination, request=self._request, carry_out=carry_out)
             return counted
-        if self.name in _JOINED:
+        if self.name in JOINED:
             counts = {
                 name: artefacts.concatenate(self.options.work, self.name, name, recordings, combination.provenance)
-                for name in _JOINED[self.name]
+                for name in JOINED[self.name]
             }
             return JobReport(counts)
         combined: JobReport = stage_module(self.name).combine(combination)

@@ -162,14 +162,14 @@ def _simulate(
             if k == joins[r] and p.relaxation[r] > 0.0:
                 before = ahead.before_x[k, r] - x[r] if ahead.before_x[k, r] < NO_LEADER / 2.0 else np.inf
                 jump_s[r], jump_v[r] = jump(
-                    family, v[r], ahead.x[k, r] - x[r], ahead.v[k, r], before, ahead.before_v[k, r], p.b[r], p.B[r],
-                    p.tau[r], p.L[r],
+                    family, v[r], ahead.x[k, r] - x[r], ahead.v[k, r], before, ahead.before_v[k, r], p.b[r],
+                    p.B[r], p.tau[r], p.L[r],
                 )  # fmt: skip
         for r in range(count):
             fading = max(1.0 - (k - joins[r]) * fades[r], 0.0)
             a = follower_command(
-                family, v[r], ahead.x[k, r] - x[r], ahead.v[k, r], ahead.length[k, r], p.v_desire[r], p.A[r], p.b[r],
-                p.B[r], p.tau[r], p.L[r] if k >= joins[r] else p.L_before[r], fading * jump_s[r],
+                family, v[r], ahead.x[k, r] - x[r], ahead.v[k, r], ahead.length[k, r], p.v_desire[r], p.A[r],
+                p.b[r], p.B[r], p.tau[r], p.L[r] if k >= joins[r] else p.L_before[r], fading * jump_s[r],
                 fading * jump_v[r], m[r], p.a_0[r], p.drift[r], p.need[r], hardest,
             )  # fmt: skip
             out.x[k, r], out.v[k, r], out.a[k, r] = x[r], v[r], a

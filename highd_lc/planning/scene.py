@@ -17,6 +17,7 @@ from highd_lc.core.ellipse import semi_axes
 from highd_lc.core.losses import follower_weights
 from highd_lc.vocab import names
 from highd_lc.vocab.driver import TABLE3_MEANS
+from highd_lc.vocab.errors import UsageError
 from highd_lc.vocab.settings import ValidateSettings
 
 FloatArray = NDArray[np.float64]
@@ -76,7 +77,7 @@ class Followers:
 
     x, y: box centres relative to the ego's centre [m], v: speed [m/s], length, width [m], each of shape (p,).
     parameters: LCM of each with L moved behind the AV (L_replay), shape (p, 6). L_no_change: L of the first
-    one when it stays behind the target leader [m]. recorded: their recorded motions where in view. spread:
+    one when it stays behind the target leader [m]. recorded: their motions, empty if nobody recorded them. spread:
     standard deviation of each parameter, 0 where unknown, shape (p, 6); None: of none.
 
     The rest says how they react (equations.md 3.10); left out, it leaves the bare model. family: of
@@ -108,9 +109,10 @@ class Scene:
     """Everything the planner knows of one lane change, relative to the ego's box centre at t_start.
 
     v0: the ego's recorded speed at t_start [m/s]; a0: its recorded acceleration [m/s^2]; lateral_shift: D,
-    left positive [m]; length, width, wheelbase of the ego [m]; dt: step of the time grid [s]; target_leader,
-    origin_leader, origin_follower: motions over 0 .. H, or None (the origin follower's matter at t_start).
-    next_leaders: who leads the target lane when the target leader has left it, in the order of time.
+    left positive [m]; length, width, wheelbase of the ego [m]; dt: step of the time grid, horizon: H [s];
+    target_leader, origin_leader, origin_follower: motions over 0 .. H, or None (the origin follower's matter at
+    t_start). human: None where nobody recorded one. next_leaders: who leads the target lane when the target
+    leader has left it, in the order of time.
     """
 
     event_id: str
@@ -121,12 +123,25 @@ class Scene:
     width: float
     wheelbase: float
     dt: float
+    horizon: float
     target_leader: Motion | None
     origin_leader: Motion | None
     origin_follower: Motion | None
     followers: Followers
-    human: Human
+    human: Human | None = None
     next_leaders: tuple[NextLeader, ...] = ()
+
+    @property
+    def samples(self) -> int:
+        """Samples of the time grid, N + 1."""
+        return round(self.horizon / self.dt) + 1
+
+    @property
+    def driver(self) -> Human:
+        """The human's motion. Raises UsageError if nobody recorded one."""
+        if self.human is None:
+            raise UsageError(f"{self.event_id}: nobody recorded a human's lane change in this scene")
+        return self.human
 
 
 FAMILY, MEMORY, RELAXATION, NEED, A_0, DRIFT, MOMENT = range(7)
@@ -191,7 +206,7 @@ def pack(scene: Scene, settings: ValidateSettings) -> PackedScene:
     paper = settings.constraints.ellipse == "paper"
     followers = scene.followers
     leaders = list(leaders_of(scene).values())
-    samples = len(followers.recorded[0].x)
+    samples = scene.samples
     axes = [_axes(le, wi, paper) for le, wi in zip(followers.length, followers.width, strict=True)]
     a, b = _axes(scene.length, scene.width, paper)
     front, speed = _front(scene, samples)

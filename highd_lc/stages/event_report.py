@@ -172,7 +172,7 @@ def policy_plays(problem: PlanningProblem, plans: Iterable[Row]) -> Iterator[Pla
                 run = _delayed(posed, key_of(posed, gap, delay_s), v_start, *shape)
             else:
                 run = _replayed(problem, policy, *shape)
-            driven[motion] = _play(problem, policy, *run, delay_s=delay_s)
+            driven[motion] = play_of(problem, policy, *run, delay_s=delay_s)
         yield replace(driven[motion], policy=policy, accountings=tuple(accountings))
 
 
@@ -201,7 +201,7 @@ def _replayed(problem: PlanningProblem, policy: str, T: float, x_final: float, v
         av, *followers = planner.unchanged_motion(problem)
         return av, (followers[0], followers[1], followers[2])
     if policy == names.HUMAN:
-        return _driven(human_motion(problem.scene.human, problem.packed), problem.packed)
+        return _driven(human_motion(problem.scene.driver, problem.packed), problem.packed)
     quintic = Quintic(v0=problem.scene.v0, D=problem.scene.lateral_shift, T=T, x_final=x_final, v_end=v_end)
     return _driven(plan_motion(quintic, problem.packed), problem.packed)
 
@@ -214,7 +214,8 @@ def _driven(av: AvMotion, scene: PackedScene) -> Driven:
     return av, (x, v, a)
 
 
-def _play(problem: PlanningProblem, policy: str, av: AvMotion, followers: Three, *, delay_s: float) -> Play:
+def play_of(problem: PlanningProblem, policy: str, av: AvMotion, followers: Three, *, delay_s: float) -> Play:
+    """What happens under a policy, by box centres. followers: their x, v and a."""
     scene = problem.scene
     stays = policy == names.NO_LANE_CHANGE
     levels = (np.full(len(av.x), y) for y in scene.followers.y)

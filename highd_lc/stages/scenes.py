@@ -71,6 +71,13 @@ def load_scene(work: Path, event_id: str, settings: ValidateSettings) -> Scene:
     return _scene(next(chosen.itertuples()), tables, settings)
 
 
+def of_own_fits(settings: ValidateSettings) -> ValidateSettings:
+    """The settings with everybody driven by his own fit: for who has nothing but fits."""
+    own = settings.followers.model_copy(update={"model": names.OWN_FIT, "also": ()})
+    planner = settings.planner.model_copy(update={"parameters": "fitted"})
+    return settings.model_copy(update={"followers": own, "planner": planner})
+
+
 def read_scene_tables(
     work: Path, recording: int, settings: ValidateSettings, *, fits: pd.DataFrame | None = None
 ) -> SceneTables:
@@ -110,6 +117,7 @@ def _scene(event: object, tables: SceneTables, settings: ValidateSettings) -> Sc
         width=width,
         wheelbase=WHEELBASE_SHARE * length,
         dt=TIME_STEP,
+        horizon=settings.loss.horizon_s,
         target_leader=target_leader,
         origin_leader=_leader(event, names.ORIGIN_LEADER, tables, settings),
         origin_follower=_leader(event, names.ORIGIN_FOLLOWER, tables, settings),

@@ -130,10 +130,10 @@ def _event_rows(planned: list[Planned], job: Job, chosen: Samples) -> Iterator[t
 def _planned_rows(planned: Planned) -> Iterator[tuple[str, Row]]:
     """Plans, losses and tracking of an event with one follower model."""
     problem, plans = planned.tracker.problem, planned.plans
-    scores = _Scores(problem, next(p for p in plans if p.policy == names.NO_LANE_CHANGE))
+    scores = Scores(problem, next(p for p in plans if p.policy == names.NO_LANE_CHANGE))
     for plan in plans:
-        yield "plans", _plan_row(problem, plan)
-        yield "losses", _loss_row(problem, plan, scores)
+        yield "plans", plan_row(problem, plan)
+        yield "losses", loss_row(problem, plan, scores)
     for row in tracking_rows(planned):
         yield "tracking", row
 
@@ -169,7 +169,8 @@ def _sampled_rows(study: Study) -> Iterator[tuple[str, Row]]:
     yield from pareto_rows(study)
 
 
-def _plan_row(problem: PlanningProblem, plan: Plan) -> Row:
+def plan_row(problem: PlanningProblem, plan: Plan) -> Row:
+    """The columns of ``plans`` of one plan."""
     clearances = [margin for name, margin in plan.margins.items() if name.startswith("clearance_")]
     return {
         "policy": plan.policy,
@@ -238,8 +239,11 @@ def _finite(value: float) -> float:
 
 
 @dataclass(frozen=True)
-class _Scores:
-    """Losses and safety of an event's replays, each computed once: accountings share them."""
+class Scores:
+    """Losses and safety of an event's replays, each computed once: accountings share them.
+
+    unchanged: the plan without a lane change, beside which the followers' loss is an increment.
+    """
 
     problem: PlanningProblem
     unchanged: Plan
@@ -271,7 +275,8 @@ class _Scores:
         return float(0.5 * self.problem.terms.weights @ both)
 
 
-def _loss_row(problem: PlanningProblem, plan: Plan, scores: _Scores) -> Row:
+def loss_row(problem: PlanningProblem, plan: Plan, scores: Scores) -> Row:
+    """The columns of ``losses`` of one plan; what cannot be known is left out."""
     row = {"policy": plan.policy, "accounting": plan.accounting, "recorded_n_samples": 0, "follower_n_samples": 0}
     row |= {"loss_hv_each": [], "follower_weights": [], "contact": plan.contact}
     if plan.replay is None:
@@ -292,7 +297,7 @@ def _loss_row(problem: PlanningProblem, plan: Plan, scores: _Scores) -> Row:
         row |= charges.recorded_loss(recorded, losses, terms, settings, last=both, dt=dt)
         if plan.contact:
             row["loss_hv_simulated"] = np.nan
-        row["av_comfort_raw"] = problem.scene.human.comfort_raw / settings.comfort_scale
+        row["av_comfort_raw"] = problem.scene.driver.comfort_raw / settings.comfort_scale
     row |= scores.safety(plan, charged)
     row["peak_follower_decel"] = charges.peak_deceleration(plan.replay.a, charged)
     return row

@@ -54,6 +54,7 @@ def random_scene(
         width=WIDTH,
         wheelbase=0.6 * length,
         dt=DT,
+        horizon=horizon,
         target_leader=car(0.85, rng.uniform(6, 74), D, v0 + 2.5 * rng.normal()),
         origin_leader=car(0.8, rng.uniform(4, 54), 0.0, v0 - rng.uniform(0, 4)),
         origin_follower=car(0.7, -rng.uniform(4, 54), 0.0, v0 + 1.5 * rng.normal()),
