@@ -11,6 +11,7 @@ from operator import attrgetter
 from types import ModuleType
 from typing import Final
 
+from pydantic import BaseModel
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
@@ -31,9 +32,9 @@ from highd_lc.vocab.job import (
     Provenance,
     ReportRequest,
 )
-from highd_lc.vocab.settings import Section, Settings
+from highd_lc.vocab.settings import Settings
 
-Dependency = Section | int | str
+Dependency = BaseModel | int | str
 
 
 @dataclass(frozen=True)
@@ -43,7 +44,6 @@ class Stage:
     name: also that of its module in ``highd_lc.stages``.
     settings: what it reads beyond the settings that its inputs were made with; its own section first.
     tables: artefacts that are the recordings' parts joined, if that is all of the combination.
-    folders: artefacts that keep a folder a recording.
     reads_data: it reads the files of the data folder, which may change meanwhile.
     finds_events: from here on it is known which events there are.
     pools: a recording's results depend on all recordings (class pools), not only on its own.
@@ -52,7 +52,6 @@ class Stage:
     name: str
     settings: tuple[str, ...]
     tables: tuple[str, ...] = ()
-    folders: tuple[str, ...] = ()
     reads_data: bool = False
     finds_events: bool = False
     pools: bool = False
@@ -139,7 +138,7 @@ class _Pages(Stage):
 
 _FITTED_WITH = ("validation.followers", "validation.loss", "validation.statistics")
 STAGES: Final = (
-    Stage("ingest", ("ingest",), ("vehicles", "recordings"), ("tracks",), reads_data=True),
+    Stage("ingest", ("ingest",), ("vehicles", "recordings"), reads_data=True),
     Stage("extract", ("extract", "ingest"), ("crossings", "events", "event_tracks"), finds_events=True),
     Stage("calibrate", ("calibrate", *_FITTED_WITH, "seed"), pools=True),
     Stage("validate", ("validation", "seed")),
@@ -242,8 +241,8 @@ class StageRun:
     def _drop_failed(self, reports: dict[int, JobReport]) -> None:
         """What was made of a recording before it failed is of other inputs or settings."""
         for recording in self.keys.keys() - reports.keys():
-            for stage in STAGES[STAGES.index(self.stage) :]:
-                workspace.drop_recording(self.options.work, recording, stage.name, stage.folders)
+            of_these = [stage.name for stage in STAGES[STAGES.index(self.stage) :]]
+            workspace.drop_recording(self.options.work, recording, of_these)
 
     def _require(self, finished: dict[int, str], outcome: Outcome) -> None:
         lost = [p.message for p in outcome.problems if p.lost]

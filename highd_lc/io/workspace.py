@@ -94,16 +94,14 @@ def drop_other_recordings(work: Path, recordings: Iterable[int]) -> None:
             _remove_folder(part) if part.is_dir() else part.unlink()
 
 
-def drop_recording(work: Path, recording: int, stage: str, folders: Iterable[str]) -> None:
-    """Remove what a stage made of a recording of which it could not make it anew.
-
-    folders: of its artefacts that keep a folder a recording.
-    """
+def drop_recording(work: Path, recording: int, stages: Iterable[str]) -> None:
+    """Remove what the stages made of a recording of which they could not make it anew."""
     name = f"{recording:02d}"
-    (work / "parts" / stage / f"{name}.json").unlink(missing_ok=True)
-    _remove_folder(work / "parts" / stage / name)
-    for folder in folders:
-        _remove_folder(work / folder / f"recording={name}")
+    for stage in stages:
+        (work / "parts" / stage / f"{name}.json").unlink(missing_ok=True)
+        _remove_folder(work / "parts" / stage / name)
+        if stage == "ingest":
+            _remove_folder(work / "tracks" / f"recording={name}")
 
 
 def _remove_folder(folder: Path) -> None:

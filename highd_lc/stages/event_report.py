@@ -139,7 +139,7 @@ def _track_trace(problem: PlanningProblem, policy: str, T: float, x_final: float
     return TrackTrace(
         policy=policy,
         plant=KINEMATIC,
-        t=scene.dt * np.arange(len(errors)),
+        t=scene.dt * np.arange(len(errors), dtype=np.float64),
         lateral=errors[:, 1],
         longitudinal=errors[:, 0],
         v=inputs[:, 0],
@@ -281,9 +281,10 @@ def read_tables(job: Job) -> RecordingTables:
     roads = artefacts.read(job.work, "recordings", recording=job.recording)
     ids, directions = (scenes.vehicles[name].tolist() for name in ("vehicle_id", "driving_direction"))
     rows = {name: _by_event(artefacts.read(job.work, name, recording=job.recording)) for name in _READ}
+    events: list[Any] = scenes.events.to_dict("records")
     return RecordingTables(
         scenes=scenes,
-        events=tuple(scenes.events.to_dict("records")),
+        events=tuple(events),
         tracks=_by_event_and_role(scenes.tracks),
         boxes={vehicle: Box(*size) for vehicle, size in scenes.sizes.items()},
         directions=dict(zip(ids, directions, strict=True)),
@@ -307,8 +308,8 @@ def _by_event(frame: pd.DataFrame) -> dict[str, tuple[Row, ...]]:
 def _by_event_and_role(tracks: Mapping[tuple[str, ...], Columns]) -> dict[str, dict[str, Track]]:
     grouped: dict[str, dict[str, Track]] = defaultdict(dict)
     for (event_id, role), rows in tracks.items():
-        motion = (rows[name] for name in ("t", "x", "y", "vx", "ax"))
-        grouped[event_id][role] = Track(int(rows["vehicle_id"][0]), *motion, rows["calibration"])
+        columns = (rows[name] for name in ("t", "x", "y", "vx", "ax", "calibration"))
+        grouped[event_id][role] = Track(int(rows["vehicle_id"][0]), *columns)
     return grouped
 
 
@@ -322,7 +323,7 @@ def event_report(event: Row, tables: RecordingTables, scene: Scene, settings: Va
     """Everything that the page of an event shows."""
     event_id = str(event["event_id"])
     tracks = tables.tracks[event_id]
-    grid = PERIOD * np.arange(round(settings.loss.horizon_s / PERIOD) + 1)
+    grid = PERIOD * np.arange(round(settings.loss.horizon_s / PERIOD) + 1, dtype=np.float64)
     divider = _divider(event, tracks[names.EGO])
     of_event = {name: rows.get(event_id, ()) for name, rows in tables.rows.items()}
     problem = planner.pose(scene, settings)

@@ -42,7 +42,7 @@ def summarise_fits(fitted: pd.DataFrame) -> pd.DataFrame:
 
     fitted: rows of ``followers`` with status "fitted". Without any, every value is NaN and n is 0.
     """
-    groups = {ALL: fitted} | {key: rows for key, rows in fitted.groupby("class")}
+    groups = {ALL: fitted} | {str(key): rows for key, rows in fitted.groupby("class")}
     rows = [row for group, members in groups.items() for row in _rows(group, members)]
     return pd.DataFrame(rows, columns=list(TABLES["summary_lcm"].column_names))
 
@@ -188,7 +188,12 @@ def cross_scores(cross: pd.DataFrame, statistics: StatisticsSettings, *, seed: i
                 touching = one["contact_after_T"].eq(True) | other["contact_after_T"].eq(True)
                 for followers in FOLLOWER_MODELS:
                     pair = _scored_pair(one, other, scored, followers)
-                    row = {"form": form, "optimised": optimised, "scored": scored, "followers": followers}
+                    row: dict[str, Any] = {
+                        "form": form,
+                        "optimised": optimised,
+                        "scored": scored,
+                        "followers": followers,
+                    }
                     row["touching"] = 0 if scored == names.PAPER else int(touching.sum())
                     rows.append(row | gain_columns(pair, statistics, seed=seed))
     return _frame("cross_scores", rows)

@@ -66,9 +66,9 @@ def run(job: Job) -> JobReport:
             continue
         for name, row in found:
             rows[name].append({"event_id": event_id, "recording_id": job.recording, **row})
-    for name, found in rows.items():
-        artefacts.write_part(job, STAGE, name, _frame(name, found))
-    return JobReport({name: len(found) for name, found in rows.items()}, tuple(problems))
+    for name, of_table in rows.items():
+        artefacts.write_part(job, STAGE, name, _frame(name, of_table))
+    return JobReport({name: len(of_table) for name, of_table in rows.items()}, tuple(problems))
 
 
 def _frame(name: str, rows: list[Row]) -> pd.DataFrame:
@@ -194,6 +194,7 @@ class _Scores:
 
     def safety(self, plan: Plan, last: int) -> dict[str, float]:
         """Safety of a plan's replay up to sample ``last``."""
+        assert plan.replay is not None
         key = id(plan.replay), last
         if key not in self.safe:
             lane = pairs(plan.replay, self.problem.packed, joins=plan.policy != names.NO_LANE_CHANGE)
@@ -202,16 +203,22 @@ class _Scores:
 
     def hv_unchanged(self, last: int) -> float:
         """The followers' loss without a lane change, charged up to sample ``last``; NaN after a contact."""
-        unchanged, origin = self.unchanged, self.problem.scene.origin_leader
-        if first_contact(unchanged.replay, self.problem.packed, joins=False, last=last, origin_leader=origin):
+        replay, origin = self.unchanged.replay, self.problem.scene.origin_leader
+        assert replay is not None, "it needs no plan"
+        if first_contact(replay, self.problem.packed, joins=False, last=last, origin_leader=origin):
             return np.nan
-        losses = self.losses(self.unchanged.replay)
+        losses = self.losses(replay)
         both = losses.hv_comfort[:, last] + losses.hv_efficiency[:, last]
         return float(0.5 * self.problem.terms.weights @ both)
 
 
 def _loss_row(problem: PlanningProblem, plan: Plan, scores: _Scores) -> Row:
-    row = {"policy": plan.policy, "accounting": plan.accounting, "recorded_n_samples": 0, "follower_n_samples": 0}
+    row: Row = {
+        "policy": plan.policy,
+        "accounting": plan.accounting,
+        "recorded_n_samples": 0,
+        "follower_n_samples": 0,
+    }
     row |= {"loss_hv_each": [], "follower_weights": [], "contact": plan.contact}
     if plan.replay is None:
         return row
