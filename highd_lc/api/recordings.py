@@ -14,7 +14,7 @@ from highd_lc.core.car_following import TIME_STEP
 from highd_lc.io import artefacts, highd_files, synthetic, workspace
 from highd_lc.io import settings as settings_file
 from highd_lc.io.highd_tables import RecordingMeta, read_recording_meta
-from highd_lc.stage_run import JOINED
+from highd_lc.stage_run import STAGES
 from highd_lc.stages import extract, ingest
 from highd_lc.stages.scenes import RecordedFollower, recorded_followers
 from highd_lc.vocab import names
@@ -114,7 +114,8 @@ def _job(data: Path, number: int, work: Path, settings: Settings) -> Job:
 def _run(stage: Any, job: Job) -> JobReport:
     """A stage on the recording alone, and its tables as artefacts."""
     report: JobReport = stage.run(job)
-    for name in JOINED[stage.STAGE]:
+    tables = next(known.tables for known in STAGES if known.name == stage.STAGE)
+    for name in tables:
         artefacts.concatenate(job.work, stage.STAGE, name, (job.recording,), job.provenance)
     return report
 

@@ -1,5 +1,6 @@
 """Calibrate: every follower's LCM from its car-following before t_start; a pool's driver for those without one."""
 
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -157,8 +158,8 @@ def combine(combination: Combination) -> JobReport:
         ("identifiability", population_tables.identifiability_rows(identified, own)),
         ("pooling", population_tables.pooling_rows(pooling)),
     ):
-        groups = iter([artefacts.to_arrow(name, table, combination.provenance)])
-        artefacts.write_groups(work, name, groups, combination.provenance)
+        whole = [artefacts.to_arrow(name, table, combination.provenance)]
+        artefacts.write_groups(work, name, whole, combination.provenance)
     predict(combination, frame)
     return JobReport({"followers": len(rows)})
 
@@ -166,7 +167,7 @@ def combine(combination: Combination) -> JobReport:
 def _joined(work: Path, name: str, recordings: list[int]) -> list[Row]:
     """The rows of a part table over all recordings."""
     parts = (artefacts.read_part(work, STAGE, name, recording) for recording in recordings)
-    return [row for part in parts for row in part.to_dict("records")]
+    return [{str(key): value for key, value in row.items()} for part in parts for row in part.to_dict("records")]
 
 
 def _drivers(fitted: list[Row], tracks: list[Row]) -> FittedDrivers:
@@ -189,7 +190,7 @@ def _studies(
     identified = pooling = None
     if len(sample) >= 1:
         identified = identifiability(
-            sample.tracks, sample.parameters, settings, seeds=sample.seeds, hardest=hardest
+            sample.tracks, list(sample.parameters), settings, seeds=sample.seeds, hardest=hardest
         )
     if len(sample) >= 2:
         pooling = study_pooling(sample.tracks, settings, rng=rng, hardest=hardest)
@@ -243,10 +244,11 @@ def _replay_leader_lengths(work: Path, recordings: list[int]) -> dict[tuple[str,
             work, "events", recording=recording, columns=["event_id", "ego_id", "follower_ids"]
         )
         vehicles = artefacts.read(work, "vehicles", recording=recording, columns=["vehicle_id", "length"])
+        rows: Iterable[Any] = events.itertuples()
         length = dict(zip(vehicles["vehicle_id"].tolist(), vehicles["length"].tolist(), strict=True))
         lengths |= {
             (event.event_id, rank): length[leader]
-            for event in events.itertuples()
+            for event in rows
             for rank, leader in enumerate([event.ego_id, *event.follower_ids[:-1]], start=1)
         }
     return lengths

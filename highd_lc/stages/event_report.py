@@ -39,7 +39,8 @@ from highd_lc.reporting.event import (
     Surface,
     TrackTrace,
 )
-from highd_lc.stages.scenes import Columns, SceneTables, read_scene_tables
+from highd_lc.stages.scene_drivers import Columns
+from highd_lc.stages.scenes import SceneTables, read_scene_tables
 from highd_lc.tracking.closed_loop import Controller, controller, errors_and_inputs
 from highd_lc.tracking.plan_tracking import plan_reference
 from highd_lc.vocab import names
@@ -139,7 +140,7 @@ def _track_trace(problem: PlanningProblem, policy: str, T: float, x_final: float
     return TrackTrace(
         policy=policy,
         plant=KINEMATIC,
-        t=scene.dt * np.arange(len(errors)),
+        t=scene.dt * np.arange(len(errors), dtype=np.float64),
         lateral=errors[:, 1],
         longitudinal=errors[:, 0],
         v=inputs[:, 0],
@@ -284,9 +285,10 @@ def read_tables(job: Job) -> RecordingTables:
     recorded = [("policy", "==", RECORDED)]
     behind = artefacts.read_partition(job.work, "trajectories", job.recording, where=recorded)
     rows = {name: _by_event(frame[frame["followers"] == default]) for name, frame in found.items()}
+    events: list[Any] = scenes.events.to_dict("records")
     return RecordingTables(
         scenes=scenes,
-        events=tuple(scenes.events.to_dict("records")),
+        events=tuple(events),
         tracks=_by_event_and_role(scenes.tracks),
         boxes={vehicle: Box(*size) for vehicle, size in scenes.sizes.items()},
         directions=dict(zip(ids, directions, strict=True)),
@@ -311,8 +313,8 @@ def _by_event(frame: pd.DataFrame) -> dict[str, tuple[Row, ...]]:
 def _by_event_and_role(tracks: Mapping[tuple[str, ...], Columns]) -> dict[str, dict[str, Track]]:
     grouped: dict[str, dict[str, Track]] = defaultdict(dict)
     for (event_id, role), rows in tracks.items():
-        motion = (rows[name] for name in ("t", "x", "y", "vx", "ax"))
-        grouped[event_id][role] = Track(int(rows["vehicle_id"][0]), *motion, rows["calibration"])
+        columns = (rows[name] for name in ("t", "x", "y", "vx", "ax", "calibration"))
+        grouped[event_id][role] = Track(int(rows["vehicle_id"][0]), *columns)
     return grouped
 
 
@@ -326,7 +328,7 @@ def event_report(event: Row, tables: RecordingTables, scene: Scene, settings: Va
     """Everything that the page of an event shows."""
     event_id = str(event["event_id"])
     tracks = tables.tracks[event_id]
-    grid = PERIOD * np.arange(round(settings.loss.horizon_s / PERIOD) + 1)
+    grid = PERIOD * np.arange(round(settings.loss.horizon_s / PERIOD) + 1, dtype=np.float64)
     divider = _divider(event, tracks[names.EGO])
     of_event = {name: rows.get(event_id, ()) for name, rows in tables.rows.items()}
     problem = planner.pose(scene, settings)

@@ -40,7 +40,7 @@ def response_rows(
     classes = dict(zip(tables.vehicles["vehicle_id"], tables.vehicles["class"], strict=True))
     for _, make in scene_makers(tables, recorded):
         scene = make()
-        event = events.loc[scene.event_id]
+        event: Any = events.loc[scene.event_id]
         vehicles = [int(event["ego_id"]), *map(int, event["follower_ids"])]
         drift = drifts.without(int(event["ego_id"]), vehicles)
         start = float(event["start_frame"] - 1) / float(event["frame_rate"])
@@ -113,7 +113,7 @@ class Drifts:
 
     def __init__(self, vehicles: pd.DataFrame) -> None:
         self._of = {
-            int(direction): part.set_index("vehicle_id")["mean_acceleration"].dropna()
+            int(str(direction)): part.set_index("vehicle_id")["mean_acceleration"].dropna()
             for direction, part in vehicles.groupby("driving_direction")
         }
         self._direction = dict(zip(vehicles["vehicle_id"], vehicles["driving_direction"], strict=True))
