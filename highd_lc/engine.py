@@ -14,7 +14,7 @@ from highd_lc.execution import Cluster, Execution, InProcess, LocalProcesses
 from highd_lc.io import atomic, highd_files, workspace
 from highd_lc.io.settings import digest, resolved
 from highd_lc.io.workspace import Records, find_inputs
-from highd_lc.stage_run import STAGES, StageRun, stage_module
+from highd_lc.stage_run import STAGES, Stage, StageRun
 from highd_lc.vocab.job import JobReport, Options, Outcome
 from highd_lc.vocab.settings import Settings
 
@@ -34,17 +34,22 @@ def run(
     outcome = outcome or Outcome()
     if options.scheduler is not None:
         options = _absolute(options)
-    if options.events or options.vector:
-        stage_module("report").refuse_senseless(options.events, options.vector)
-    stages = STAGES[: STAGES.index(last or max(settings.stages, key=STAGES.index)) + 1]
+    for stage in STAGES:
+        stage.refuse_senseless(options)
+    stages = _up_to({last} if last is not None else set(settings.stages))
     with ExitStack() as folders:
         folders.enter_context(workspace.owned(options.work))
-        if "report" in stages:
+        if "report" in (stage.name for stage in stages):
             folders.enter_context(workspace.owned(options.reports, **_OF_REPORTS))
         atomic.write_text(options.work / "settings.json", resolved(settings))
         data = options.data or _synthesize(settings, options, console)
         _run_stages(settings, options, data, stages=stages, console=console, outcome=outcome)
     return outcome
+
+
+def _up_to(wanted: set[str]) -> tuple[Stage, ...]:
+    """The stages named, and all that come before one of them."""
+    return STAGES[: 1 + max(number for number, stage in enumerate(STAGES) if stage.name in wanted)]
 
 
 def _absolute(options: Options) -> Options:
@@ -54,7 +59,13 @@ def _absolute(options: Options) -> Options:
 
 
 def _run_stages(
-    settings: Settings, options: Options, data: Path, *, stages: Sequence[str], console: Console, outcome: Outcome
+    settings: Settings,
+    options: Options,
+    data: Path,
+    *,
+    stages: Sequence[Stage],
+    console: Console,
+    outcome: Outcome,
 ) -> None:
     recordings = highd_files.discover(data)
     if (folders := highd_files.folders(data)) != [data]:
@@ -64,14 +75,15 @@ def _run_stages(
         workspace.drop_other_recordings(options.work, inputs.keys)
         outcome.problems += inputs.problems
         keys = inputs.keys
-        for name in stages:
+        for stage in stages:
             started = time.perf_counter()
-            keys = StageRun(name, settings, options, inputs, keys).bring_up_to_date(execution, outcome, console)
+            keys = StageRun(stage, settings, options, inputs, keys).bring_up_to_date(execution, outcome, console)
             seconds = time.perf_counter() - started
-            entry = {"stage": name, "seconds": round(seconds, 3), "counts": outcome.counts[name]}
+            entry = {"stage": stage.name, "seconds": round(seconds, 3), "counts": outcome.counts[stage.name]}
             workspace.append_log(options.work, entry)
-            if name == "extract" and options.events:  # known from here on; the dear stages come after it
-                stage_module("report").known_events(options.work, options.events)
+            if stage.finds_events:  # the dear stages come after it
+                for asked in STAGES:
+                    asked.refuse_unknown(options)
 
 
 def _synthesize(settings: Settings, options: Options, console: Console) -> Path:
@@ -97,12 +109,12 @@ def _synthesize(settings: Settings, options: Options, console: Console) -> Path:
     return folder
 
 
-def _execution(options: Options, recordings: int, stages: Sequence[str]) -> Execution:
+def _execution(options: Options, recordings: int, stages: Sequence[Stage]) -> Execution:
     """A Dask cluster, local processes, or this process."""
     if options.scheduler is not None:
         return Cluster(options.scheduler, probe=partial(_surroundings, options.work))
     workers = min(options.workers, recordings)
-    modules = [f"highd_lc.stages.{stage}" for stage in stages]
+    modules = [stage.module_name for stage in stages]
     return LocalProcesses(workers, preload=modules) if workers > 1 else InProcess()
 
 

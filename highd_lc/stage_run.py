@@ -1,4 +1,4 @@
-"""One stage over the recordings of a run: what is up to date, what has to be done, what failed."""
+"""The stages, and one of them over a run's recordings: what is up to date, what is to be done, what failed."""
 
 import logging
 import os
@@ -7,7 +7,9 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
 from importlib import import_module
+from operator import attrgetter
 from types import ModuleType
+from typing import Final
 
 from pydantic import BaseModel
 from rich.console import Console
@@ -19,11 +21,136 @@ from highd_lc.io.atomic import Written
 from highd_lc.io.settings import digest
 from highd_lc.io.workspace import Inputs, Records
 from highd_lc.vocab.errors import ClusterError, HighdLcError, InputError, StorageError, WorkerLostError, told
-from highd_lc.vocab.job import Combination, Job, JobReport, Options, Outcome, Problem, Provenance, ReportRequest
+from highd_lc.vocab.job import (
+    CarryOut,
+    Combination,
+    Job,
+    JobReport,
+    Options,
+    Outcome,
+    Problem,
+    Provenance,
+    ReportRequest,
+)
 from highd_lc.vocab.settings import Settings
 
-STAGES = ("ingest", "extract", "calibrate", "validate", "report")
-_JOINED = {"ingest": ("vehicles", "recordings"), "extract": ("crossings", "events", "event_tracks")}
+Dependency = BaseModel | int | str
+
+
+@dataclass(frozen=True)
+class Stage:
+    """A step of the pipeline: work on each recording, then a combination of what was made of all of them.
+
+    name: also that of its module in ``highd_lc.stages``.
+    settings: what it reads beyond the settings that its inputs were made with; its own section first.
+    tables: artefacts that are the recordings' parts joined, if that is all of the combination.
+    reads_data: it reads the files of the data folder, which may change meanwhile.
+    finds_events: from here on it is known which events there are.
+    pools: a recording's results depend on all recordings (class pools), not only on its own.
+    """
+
+    name: str
+    settings: tuple[str, ...]
+    tables: tuple[str, ...] = ()
+    reads_data: bool = False
+    finds_events: bool = False
+    pools: bool = False
+
+    @property
+    def module_name(self) -> str:
+        """The full name of its module."""
+        return f"highd_lc.stages.{self.name}"
+
+    @property
+    def module(self) -> ModuleType:
+        """Its module, imported when there is work for it: all of them take a second and more."""
+        return import_module(self.module_name)
+
+    def run(self, job: Job, request: ReportRequest | None) -> JobReport:
+        """Do the work on one recording."""
+        done: JobReport = self.module.run(job)
+        return done
+
+    def combine(self, combination: Combination, request: ReportRequest | None, carry_out: CarryOut) -> JobReport:
+        """Turn the finished parts into artefacts. carry_out: for calls that can go side by side."""
+        if not self.tables:
+            combined: JobReport = self.module.combine(combination)
+            return combined
+        work, recordings, about = combination.work, combination.recordings, combination.provenance
+        return JobReport({t: artefacts.concatenate(work, self.name, t, recordings, about) for t in self.tables})
+
+    def depends_on(self, settings: Settings, options: Options, request: ReportRequest | None) -> list[Dependency]:
+        """What its work on a recording depends on beside its inputs and the code."""
+        return [attrgetter(name)(settings) for name in self.settings]
+
+    def neighbours(self, options: Options) -> list[str]:
+        """What only the combination depends on, and no stage of a run makes."""
+        return []
+
+    def request(self, settings: Settings, options: Options) -> ReportRequest | None:
+        """What of a report is wanted, which depends on the results of all recordings; None of other stages."""
+        return None
+
+    def refuse_senseless(self, options: Options) -> None:
+        """Raises UsageError if the options ask the stage for what there cannot be."""
+
+    def refuse_unknown(self, options: Options) -> None:
+        """Raises UsageError if the options ask the stage for events that were not found."""
+
+
+class _Pages(Stage):
+    """The stage that makes what its options ask for, outside the work folder."""
+
+    def run(self, job: Job, request: ReportRequest | None) -> JobReport:
+        done: JobReport = self.module.run(job, request=request)
+        return done
+
+    def combine(self, combination: Combination, request: ReportRequest | None, carry_out: CarryOut) -> JobReport:
+        combined: JobReport = self.module.combine(combination, request=request, carry_out=carry_out)
+        return combined
+
+    def depends_on(self, settings: Settings, options: Options, request: ReportRequest | None) -> list[Dependency]:
+        wanted = None if request is None else request.pictures
+        pictures = "all" if wanted is None else digest(*sorted(wanted))
+        place = os.path.relpath(options.reports.resolve(), options.work.resolve())
+        sections = super().depends_on(settings, options, request)
+        return [*sections, place, pictures, *options.events, *options.vector]
+
+    def neighbours(self, options: Options) -> list[str]:
+        found: list[str] = self.module.neighbours(options.reports)
+        return found
+
+    def request(self, settings: Settings, options: Options) -> ReportRequest | None:
+        o = options
+        wanted: ReportRequest = self.module.choose(
+            o.work,
+            settings.report,
+            reports=o.reports,
+            events=o.events,
+            vector=o.vector,
+            model=settings.validation.follower_models[0],
+        )
+        return wanted
+
+    def refuse_senseless(self, options: Options) -> None:
+        if options.events or options.vector:
+            self.module.refuse_senseless(options.events, options.vector)
+
+    def refuse_unknown(self, options: Options) -> None:
+        if options.events:
+            self.module.known_events(options.work, options.events)
+
+
+_FITTED_WITH = ("validation.followers", "validation.loss", "validation.statistics")
+STAGES: Final = (
+    Stage("ingest", ("ingest",), ("vehicles", "recordings"), reads_data=True),
+    Stage("extract", ("extract", "ingest"), ("crossings", "events", "event_tracks"), finds_events=True),
+    Stage("calibrate", ("calibrate", *_FITTED_WITH, "seed"), pools=True),
+    Stage("validate", ("validation", "seed")),
+    _Pages("report", ("report",)),
+)
+"""Each needs all before it."""
+
 _FATAL = (StorageError, ClusterError)
 """Errors that are not of one recording: the others would meet them too."""
 
@@ -36,7 +163,7 @@ Done = tuple[JobReport, list[Written]]
 class StageRun:
     """A stage of a run. keys: of each recording's input to it, which are those of the stages before."""
 
-    name: str
+    stage: Stage
     settings: Settings
     options: Options
     inputs: Inputs
@@ -51,15 +178,18 @@ class StageRun:
         finished = {r: self._key(r) for r in self.keys if r in reports}
         outcome.problems += [problem for r in finished for problem in reports[r].problems]
         self._require(finished, outcome)
-        together = digest(*finished.values(), self.name, *self._neighbours)
+        together = digest(*finished.values(), self.name, *self.stage.neighbours(self.options))
         combined = None if pending else self._records.finished(self.name, together)
         if combined is None:
             combined = self._combine_anew(tuple(sorted(finished)), together, execution)
         # What the artefacts hold is what the recordings' parts hold: counted once.
         outcome.counts[self.name] = _totals(reports.values()) | combined.counts
-        # What follows a combination depends on all recordings (class pools), not only on its own.
-        everybody = self.name == "calibrate"
-        return {r: digest(key, together) if everybody else key for r, key in finished.items()}
+        return {r: digest(key, together) if self.stage.pools else key for r, key in finished.items()}
+
+    @property
+    def name(self) -> str:
+        """The stage's name."""
+        return self.stage.name
 
     @property
     def _records(self) -> Records:
@@ -104,10 +234,10 @@ class StageRun:
         inputs = {f"{recording:02d}": self.keys[recording]}
         data, work = self.inputs.data, self.options.work
         job = Job(recording, data, work, self.settings, self._provenance(inputs))
-        return partial(_execute, self.name, job, self._request)
+        return partial(_execute, self.stage, job, self._request)
 
     def _remember(self, recording: int, report: JobReport, files: list[Written]) -> JobReport:
-        if self.name == "ingest":
+        if self.stage.reads_data:
             self.inputs.refuse_changed(recording)
         key = self._key(recording)
         self._records.remember(self.name, key, report=report, files=files, recording=recording)
@@ -116,7 +246,8 @@ class StageRun:
     def _drop_failed(self, reports: dict[int, JobReport]) -> None:
         """What was made of a recording before it failed is of other inputs or settings."""
         for recording in self.keys.keys() - reports.keys():
-            workspace.drop_recording(self.options.work, recording, STAGES[STAGES.index(self.name) :])
+            of_these = [stage.name for stage in STAGES[STAGES.index(self.stage) :]]
+            workspace.drop_recording(self.options.work, recording, of_these)
 
     def _require(self, finished: dict[int, str], outcome: Outcome) -> None:
         lost = [p.message for p in outcome.problems if p.lost]
@@ -135,81 +266,31 @@ class StageRun:
     def _combine(self, recordings: tuple[int, ...], execution: Execution) -> JobReport:
         inputs = {f"{r:02d}": self.keys[r] for r in recordings}
         combination = Combination(recordings, self.options.work, self.settings, self._provenance(inputs))
-        if self._request is not None:
-            report, carry_out = stage_module(self.name), partial(_carry_out, execution)
-            counted: JobReport = report.combine(combination, request=self._request, carry_out=carry_out)
-            return counted
-        if self.name in _JOINED:
-            counts = {
-                name: artefacts.concatenate(self.options.work, self.name, name, recordings, combination.provenance)
-                for name in _JOINED[self.name]
-            }
-            return JobReport(counts)
-        combined: JobReport = stage_module(self.name).combine(combination)
-        return combined
+        return self.stage.combine(combination, self._request, partial(_carry_out, execution))
 
     def _key(self, recording: int) -> str:
         """What the stage's work on a recording depends on."""
         return digest(self.keys[recording], self.name, workspace.code_version(), *self._dependencies)
 
     @cached_property
-    def _dependencies(self) -> list[BaseModel | int | str]:
-        """Settings that the stage reads, beyond those that its inputs were made with."""
-        s = self.settings
-        if self._request is not None:
-            pictures = "all" if self._request.pictures is None else digest(*sorted(self._request.pictures))
-            place = os.path.relpath(self.options.reports.resolve(), self.options.work.resolve())
-            return [s.report, place, pictures, *self.options.events, *self.options.vector]
-        sections: dict[str, list[BaseModel | int | str]] = {
-            "ingest": [s.ingest],
-            "extract": [s.extract, s.ingest],
-            "calibrate": [s.calibrate, s.validation.followers, s.validation.loss, s.validation.statistics, s.seed],
-            "validate": [s.validation, s.seed],
-        }
-        return sections[self.name]
-
-    @property
-    def _neighbours(self) -> list[str]:
-        """What only the combination depends on, and no stage of this run makes."""
-        if self.name != "report":
-            return []
-        found: list[str] = stage_module(self.name).neighbours(self.options.reports)
-        return found
+    def _dependencies(self) -> list[Dependency]:
+        return self.stage.depends_on(self.settings, self.options, self._request)
 
     @cached_property
     def _request(self) -> ReportRequest | None:
-        """What of a report is wanted, which depends on the results of all recordings."""
-        if self.name != "report":
-            return None
-        o = self.options
-        wanted: ReportRequest = stage_module(self.name).choose(
-            o.work,
-            self.settings.report,
-            reports=o.reports,
-            events=o.events,
-            vector=o.vector,
-            model=self.settings.validation.follower_models[0],
-        )
-        return wanted
+        return self.stage.request(self.settings, self.options)
 
     def _provenance(self, inputs: dict[str, str]) -> Provenance:
         """What the stage's artefacts carry: settings of later stages are not of their making."""
-        s = self.settings
-        sections = (s.ingest, s.extract, s.calibrate, s.validation, s.report)
-        used = digest(*sections[: STAGES.index(self.name) + 1])
-        return Provenance(used, inputs, s.seed, workspace.code_version())
+        sections = [attrgetter(stage.settings[0])(self.settings) for stage in STAGES]
+        used = digest(*sections[: STAGES.index(self.stage) + 1])
+        return Provenance(used, inputs, self.settings.seed, workspace.code_version())
 
 
-def stage_module(stage: str) -> ModuleType:
-    """The module of a stage, imported when there is work for it: all of them take a second and more."""
-    return import_module(f"highd_lc.stages.{stage}")
-
-
-def _execute(stage: str, job: Job, request: ReportRequest | None) -> Done:
+def _execute(stage: Stage, job: Job, request: ReportRequest | None) -> Done:
     """One stage on one recording, in whatever process: its report, and the files that it wrote."""
-    module = stage_module(stage)
     with atomic.collected() as files:
-        done = module.run(job) if request is None else module.run(job, request=request)
+        done = stage.run(job, request)
     return done, files
 
 

@@ -188,6 +188,12 @@ class Crossing:
     roles: Roles | None
     successors: tuple[Successor, ...] = ()
 
+    @property
+    def known_roles(self) -> Roles:
+        """The roles of a usable lane change: it always has them."""
+        assert self.roles is not None
+        return self.roles
+
 
 def with_known_lanes(traffic: Traffic, longest_s: float) -> Traffic:
     """The traffic with lanes in the place of 0 where a vehicle is between the markings for all that.

@@ -252,7 +252,7 @@ def write_columns(path: Path, name: str, columns: Mapping[str, pa.Array], proven
     for problem in _type_problems(TABLES[name], table):
         raise ArtefactError(f"{name}: {problem}")
     write(path, table.replace_schema_metadata(_about(provenance)), options=_parquet_options(name))
-    return table.num_rows
+    return len(table)
 
 
 def _about(provenance: Provenance) -> dict[bytes, bytes]:
@@ -350,7 +350,7 @@ def read_file(
 
 
 def _to_frame(table: Table, data: pa.Table) -> pd.DataFrame:
-    frame = data.to_pandas(maps_as_pydicts="strict")
+    frame: pd.DataFrame = data.to_pandas(maps_as_pydicts="strict")
     for column in table.columns:
         if column.nullable and column.kind in ("int64", "int32") and column.name in frame:
             frame[column.name] = data[column.name].to_pandas(types_mapper=_NULLABLE.get)

@@ -21,6 +21,7 @@ reading them.
 
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -76,8 +77,8 @@ def read_recording(data: Path, recording: int) -> Recording:
 def _refuse_unmarked(path: Path, meta: RecordingMeta, vehicles: VehicleMetas) -> None:
     """A carriageway without markings may not have vehicles: which lane they are in could not be told."""
     for direction, markings, column in ((1, meta.upper, "upper"), (2, meta.lower, "lower")):
-        lost = vehicles.id[vehicles.direction == direction] if len(markings) == 0 else ()
-        if len(lost):
+        lost = vehicles.id[vehicles.direction == direction]
+        if len(markings) == 0 and len(lost):
             text = f"vehicle {lost[0]} drives in direction {direction}, and {column}LaneMarkings has no markings"
             raise fault(path, text, column="drivingDirection")
 
@@ -266,6 +267,7 @@ def read(work: Path, recording: int) -> TrackArrays:
     return TrackArrays(*(_to_numpy(table[name]) for name in names))
 
 
-def _to_numpy(column: pa.ChunkedArray) -> NDArray[np.generic]:
+def _to_numpy(column: pa.ChunkedArray) -> NDArray[Any]:
     values = column.chunk(0) if column.num_chunks == 1 else column.combine_chunks()
-    return (values.fill_null(0) if values.null_count else values).to_numpy(zero_copy_only=False)
+    known: NDArray[Any] = (values.fill_null(0) if values.null_count else values).to_numpy(zero_copy_only=False)
+    return known

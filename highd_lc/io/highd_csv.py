@@ -12,7 +12,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from math import isfinite
 from pathlib import Path
-from typing import NoReturn
+from typing import Any, NoReturn
 
 import numpy as np
 import pyarrow as pa
@@ -70,7 +70,8 @@ def _all_numbers(cells: Sequence[str]) -> bool:
         return False
 
 
-Array = NDArray[np.float64] | NDArray[np.int64] | NDArray[np.str_]
+Array = NDArray[Any]
+"""A column: float64, int64 or text, as its field says."""
 
 
 @dataclass(frozen=True)
@@ -198,11 +199,14 @@ def _to_numpy(column: pa.ChunkedArray, field: Field) -> Array:
     if field.sampled:
         return np.array([_lenient(text) for text in column[::EVERY].to_pylist()], dtype=np.float64)
     if field.kind is str:
-        return pc.utf8_trim_whitespace(column).to_numpy().astype(np.str_)
-    values = pc.fill_null(column, np.nan) if pa.types.is_floating(column.type) else column
-    if pa.types.is_integer(column.type) and column.null_count:
-        return column.cast(pa.float64()).to_numpy()
-    return values.to_numpy()
+        texts: Array = pc.utf8_trim_whitespace(column).to_numpy().astype(np.str_)
+        return texts
+    if pa.types.is_floating(column.type):
+        column = pc.fill_null(column, np.nan)
+    elif pa.types.is_integer(column.type) and column.null_count:
+        column = column.cast(pa.float64())
+    numbers: Array = column.to_numpy()
+    return numbers
 
 
 def _lenient(text: str) -> float:

@@ -11,6 +11,7 @@ The rows of a HighD tracks file as they stand in it, ordered by vehicle and fram
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numba import njit
@@ -133,7 +134,8 @@ def read_vehicle_metas(path: Path) -> VehicleMetas:
     return VehicleMetas(*(columns[field.name][order] for field in _VEHICLE_FIELDS))
 
 
-Columns = dict[str, NDArray[np.float64] | IntArray]
+Columns = dict[str, NDArray[Any]]
+"""Columns by HighD's names, float64 or int64 as their fields say."""
 
 # Far beyond anything on a road, so that a slipped decimal point or a torn number is not taken for motion.
 _FARTHEST, _FASTEST, _STRONGEST = 1e5, 200.0, 500.0
@@ -300,9 +302,7 @@ def to_road(rows: Rows, meta: RecordingMeta, vehicles: VehicleMetas) -> Road:
     )
     tracks = Tracks(
         index,
-        *(columns[name] for name in names),
-        leader_id=columns["precedingId"],
-        follower_id=columns["followingId"],
+        *(columns[name] for name in (*names, "precedingId", "followingId")),
     )
     return Road(tracks, np.array([[0.0, end - begin], [begin, end]]), mismatches)
 
@@ -339,7 +339,20 @@ def _offsets(meta: RecordingMeta, vehicles: VehicleMetas, end: float) -> FloatAr
 
 
 @njit(cache=True, nogil=True)
-def _convert(starts, signs, offsets, markings, widths, x, y, vx, vy, ax, ay, lane):
+def _convert(
+    starts: IntArray,
+    signs: FloatArray,
+    offsets: FloatArray,
+    markings: FloatArray,
+    widths: FloatArray,
+    x: FloatArray,
+    y: FloatArray,
+    vx: FloatArray,
+    vy: FloatArray,
+    ax: FloatArray,
+    ay: FloatArray,
+    lane: IntArray,
+) -> IntArray:
     """Convert every row in place; returns the rows of each vehicle whose lane id contradicts its y."""
     mismatches = np.zeros(len(signs), dtype=np.int64)
     for vehicle in range(len(signs)):

@@ -8,22 +8,29 @@ Files that may be packed with gzip: read as a stream, so that no unpacked copy i
 """
 
 import gzip
+import io
 import os
 import zlib
 from pathlib import Path
-from typing import BinaryIO, cast
+from typing import Any, cast
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+IntArray = NDArray[np.int64]
+FloatArray = NDArray[np.float64]
+_Bytes = NDArray[np.uint8]
+_Words = NDArray[np.uint64]
+_Int = int | np.signedinteger[Any]
+
 FAULTS = (OSError, EOFError, zlib.error)
 """What reading a packed file raises if it is torn, or not packed at all."""
 
 
-def open_bytes(path: Path) -> BinaryIO:
+def open_bytes(path: Path) -> io.BufferedReader:
     """The bytes of a file, unpacked if its name ends in .gz, in whatever case."""
-    return cast(BinaryIO, gzip.open(path)) if path.suffix.lower() == ".gz" else path.open("rb")
+    return cast(io.BufferedReader, gzip.open(path)) if path.suffix.lower() == ".gz" else path.open("rb")
 
 
 def size_of(path: Path) -> int:
@@ -41,7 +48,7 @@ EVERY = 64
 
 _CHUNK = 1 << 20
 _WORD = 8
-_POWERS = 10.0 ** np.arange(16)
+_POWERS = 10.0 ** np.arange(16, dtype=np.float64)
 _MINUS, _POINT, _COMMA, _ZERO, _LINE_FEED, _RETURN = 45, 46, 44, 48, 10, 13
 # Up to here every whole number is a float64, so that number / power of ten is the nearest float64.
 _MOST_DIGITS = 15
@@ -54,9 +61,7 @@ _COMMAS = np.uint64(0x2C2C2C2C2C2C2C2C)
 _ONE, _SEVEN, _TOP_BYTE = np.uint64(1), np.uint64(7), np.uint64(56)
 
 
-def read_plain(
-    path: Path, kinds: NDArray[np.int64], limits: NDArray[np.float64]
-) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]] | None:
+def read_plain(path: Path, kinds: IntArray, limits: FloatArray) -> tuple[IntArray, FloatArray, FloatArray] | None:
     """Read whole-number and decimal columns of a file whose first line is the header.
 
     kinds: for each column of the file -1 = skip, k = k-th whole-number column, 64 + k = k-th decimal column,
@@ -87,23 +92,24 @@ def read_plain(
 
 def _read_chunks(
     path: Path,
-    kinds: NDArray[np.int64],
-    limits: NDArray[np.float64],
+    kinds: IntArray,
+    limits: FloatArray,
     *,
-    integers: NDArray[np.int64],
-    floats: NDArray[np.float64],
-    sampled: NDArray[np.float64],
-    sampled_at: NDArray[np.int64],
+    integers: IntArray,
+    floats: FloatArray,
+    sampled: FloatArray,
+    sampled_at: IntArray,
 ) -> int:
     """Parse the file chunk by chunk of whole lines. Returns the number of rows, or that it gave up."""
     buffer = np.zeros(_CHUNK + _WORD, dtype=np.uint8)
     words = np.ndarray(shape=_CHUNK + 1, dtype=np.uint64, buffer=buffer, strides=1)
     runs, lines = _runs(kinds), np.empty(_CHUNK // EVERY + 1, dtype=np.int64)
-    row = kept = 0
+    row = 0
+    kept: _Int = 0
     with open_bytes(path) as file:
         file.readline()
-        while got := file.readinto(memoryview(buffer)[kept:_CHUNK]):
-            filled = kept + got
+        while got := file.readinto(buffer.data[kept:_CHUNK]):
+            filled = int(kept) + int(got)
             first = -(-row // EVERY)
             row, used = _parse(buffer, words, filled, kinds, runs, limits, integers, floats, row, _POWERS, lines)
             if used <= 0:
@@ -114,7 +120,7 @@ def _read_chunks(
     return row if kept == 0 else _GAVE_UP
 
 
-def _runs(kinds: NDArray[np.int64]) -> NDArray[np.int64]:
+def _runs(kinds: IntArray) -> IntArray:
     """How many columns from each one on are skipped together; the last column never is one of them."""
     runs = np.zeros(len(kinds), dtype=np.int64)
     for column in range(len(kinds) - 2, -1, -1):
@@ -123,7 +129,7 @@ def _runs(kinds: NDArray[np.int64]) -> NDArray[np.int64]:
 
 
 @njit(inline="always")
-def _after_commas(words, at, commas, stop):
+def _after_commas(words: _Words, at: _Int, commas: _Int, stop: _Int) -> _Int:
     """Place after the given number of commas, eight bytes a step; ``stop`` if there are not as many.
 
     A byte of ``marks`` has its top bit set where the byte is a comma (exact: no borrow between bytes).
@@ -143,7 +149,7 @@ def _after_commas(words, at, commas, stop):
 
 
 @njit(inline="always")
-def _number(buffer, at, decimal):
+def _number(buffer: _Bytes, at: _Int, decimal: bool) -> tuple[_Int, _Int, _Int]:
     """Number from ``at`` on without its point, its decimals, and the place after it, -1 if it is not plain."""
     byte = buffer[at]
     negative = byte == _MINUS
@@ -171,7 +177,19 @@ def _number(buffer, at, decimal):
 
 
 @njit(cache=True, nogil=True)
-def _parse(buffer, words, filled, kinds, runs, limits, integers, floats, row, powers, lines):
+def _parse(
+    buffer: _Bytes,
+    words: _Words,
+    filled: int,
+    kinds: IntArray,
+    runs: IntArray,
+    limits: FloatArray,
+    integers: IntArray,
+    floats: FloatArray,
+    row: int,
+    powers: FloatArray,
+    lines: IntArray,
+) -> tuple[int, _Int]:
     """Parse the whole lines of a buffer. Returns the next row and the bytes used, or that it gave up.
 
     words: the eight bytes from each byte of the buffer on; lines: where the sampled lines begin, filled in.
@@ -180,7 +198,8 @@ def _parse(buffer, words, filled, kinds, runs, limits, integers, floats, row, po
     while stop > 0 and buffer[stop - 1] != _LINE_FEED:
         stop -= 1
     last = len(kinds) - 1
-    at = n_lines = 0
+    at: _Int = 0
+    n_lines = 0
     while at < stop:
         if row % EVERY == 0:
             lines[n_lines] = at
@@ -219,11 +238,13 @@ def _parse(buffer, words, filled, kinds, runs, limits, integers, floats, row, po
 
 
 @njit(cache=True, nogil=True)
-def _sample(buffer, words, lines, columns, sampled, powers):
+def _sample(
+    buffer: _Bytes, words: _Words, lines: IntArray, columns: IntArray, sampled: FloatArray, powers: FloatArray
+) -> None:
     """Parse some columns of some lines, NaN where a cell is not plain. columns: of the file; the last one too."""
     for place in range(len(lines)):
         for k in range(len(columns)):
-            at = lines[place]
+            at: _Int = lines[place]
             if columns[k] > 0:
                 at = _after_commas(words, at, columns[k], len(buffer))
             number, decimals, end = _number(buffer, at, True)

@@ -4,7 +4,7 @@ Axes in the reports' look for figures of several panels. Never pyplot: no state 
 """
 
 from dataclasses import dataclass, field
-from typing import Any, Final
+from typing import Any, Final, Literal
 
 import numpy as np
 from matplotlib.artist import Artist
@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Rectangle
 from matplotlib.ticker import MaxNLocator
+from matplotlib.typing import LineStyleType
 from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
@@ -126,7 +127,7 @@ def _rectangle(block: Block) -> Rectangle:
 
 
 def _line(curve: Curve) -> Line2D:
-    style = "-" if curve.dash is None else (0, curve.dash)
+    style: LineStyleType = "-" if curve.dash is None else (0, curve.dash)
     return Line2D(curve.x, curve.y, color=curve.colour, linewidth=curve.width, linestyle=style)
 
 
@@ -146,7 +147,7 @@ def _text(axes: Axes, note: Note) -> Artist:
 
 SIZE: Final = 8.5
 """Font size of labels [points]."""
-LEGEND: Final = {"frameon": False, "fontsize": SIZE, "labelcolor": QUIET}
+LEGEND: Final[dict[str, Any]] = {"frameon": False, "fontsize": SIZE, "labelcolor": QUIET}
 
 
 def panels(width: float, height: float, *, rows: int = 1, columns: int = 1, **sharing: Any) -> tuple[Figure, Any]:
@@ -168,7 +169,9 @@ def dress_plain(axes: Axes) -> None:
         axes.spines[side].set_color(LINE)
 
 
-def label(axes: Axes, *, title: str = "", x: str = "", y: str = "", grid: str = "both") -> None:
+def label(
+    axes: Axes, *, title: str = "", x: str = "", y: str = "", grid: Literal["both", "x", "y", "none"] = "both"
+) -> None:
     """Title and axis labels with units; grid: both, x, y or none."""
     if title:
         axes.set_title(title, fontsize=SIZE + 0.5, color=INK, loc="left")

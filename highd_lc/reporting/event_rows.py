@@ -105,7 +105,7 @@ def _why_none(row: Row, plan: Row | None) -> str:
     return labels.STATUSES[plan["status"]] if plan else ""
 
 
-def weights(report: EventReport) -> list[float]:
+def weights(report: EventReport) -> list[float] | list[None]:
     """Weights of the followers (equation 17), nearest first; None where no loss has them."""
     weights = next((row["follower_weights"] for row in report.losses if _length(row["follower_weights"])), None)
     return [None] * report.n_followers if weights is None else list(weights)
@@ -186,7 +186,8 @@ def _start(row: Row) -> str:
 
 def _at_bound(found: Iterable[str]) -> list[str]:
     """What stops a plan: the search's range of an unknown, or a constraint without margin."""
-    searched, limiting = [], []
+    searched: list[str] = []
+    limiting: list[str] = []
     for name in found:
         (searched if name in _UNKNOWNS else limiting).append(name)
     remarks = [f"on a bound of the search: {', '.join(searched)}"] if searched else []

@@ -92,7 +92,7 @@ def _followers(
 
 def _curve(report: EventReport, play: Play, values: FloatArray, *, thin: int = 0) -> Curve:
     look = labels.POLICIES[play.policy]
-    t = report.dt * np.arange(values.size)
+    t = report.dt * np.arange(values.size, dtype=np.float64)
     return Curve(t, values, look.light, max(1.4 - 0.25 * thin, 0.5), (4, 2) if look.dashed else None)
 
 

@@ -3,7 +3,8 @@
 Tables in, Figure out. Published numbers (all 60 recordings of HighD, equations.md 11.5) are drawn beside ours.
 """
 
-from typing import Final
+from collections.abc import Iterable
+from typing import Any, Final
 
 import numpy as np
 import pandas as pd
@@ -107,7 +108,8 @@ def _draw_bias(axes: Axes, recordings: pd.DataFrame) -> None:
 def _draw_profiles(axes: Axes, recordings: pd.DataFrame) -> None:
     """The mean disagreement in each bin of 10 m, a line a recording and carriageway."""
     axes.axhline(0, color=LINE, linewidth=1)
-    for row in recordings.itertuples(index=False):
+    rows: Iterable[Any] = recordings.itertuples(index=False)
+    for row in rows:
         profile = np.asarray(row.disagreement_profile, dtype=float)
         x = row.entry_m + 10.0 * (np.arange(len(profile)) + 0.5)
         axes.plot(x, profile, color=_WAYS[row.driving_direction][0], linewidth=0.8, alpha=0.7)
@@ -162,7 +164,8 @@ def _draw_duration(axes: Axes, crossings: pd.DataFrame, events: pd.DataFrame) ->
 def _histogram(axes: Axes, events: pd.DataFrame, column: str, label: str) -> None:
     """Share of the events of each class in each bin."""
     known = events[column].dropna().to_numpy(dtype=float)
-    edges = np.histogram_bin_edges(known, bins=min(30, max(5, round(len(known) ** 0.5)))) if len(known) else None
+    n_bins = min(30, max(5, round(len(known) ** 0.5)))
+    edges = np.histogram_bin_edges(known, bins=n_bins).tolist() if len(known) else None
     for kind in names.CLASSES:
         values = events.loc[events["ego_class"] == kind, column].dropna().to_numpy(dtype=float)
         if len(values):

@@ -3,7 +3,7 @@
 Figure of the choice of the start: who waits, over spacing and speed difference, and what it saves.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Hashable, Mapping, Sequence
 from typing import Any, Final
 
 import numpy as np
@@ -58,7 +58,7 @@ def strata_figure(matrix: pd.DataFrame, *, form: str, accounting: str) -> Figure
     figure, axes = _single(7.6, 0.9 + 0.27 * max(len(rows), 1))
     y = np.arange(len(rows))
     _interval(axes, y, rows, [CELL_COLOURS[form]] * len(rows))
-    texts = [f"{labels.stratum(row.stratum)}  (n = {row.n_events})" for row in rows.itertuples(index=False)]
+    texts = [f"{labels.stratum(s)}  (n = {n})" for s, n in zip(rows["stratum"], rows["n_events"], strict=True)]
     axes.set_yticks(y, texts)
     _gain_axis(axes)
     return figure
@@ -69,7 +69,7 @@ def _cell_label(row: Any, several: bool) -> str:
     return f"{model}{labels.FORMS[row.form]}, {labels.ACCOUNTING_NAMES[row.accounting].lower()}"
 
 
-def _interval(axes: Axes, y: FloatArray, rows: pd.DataFrame, colours: Sequence[str]) -> None:
+def _interval(axes: Axes, y: NDArray[np.signedinteger[Any]], rows: pd.DataFrame, colours: Sequence[str]) -> None:
     for at, (_, row), colour in zip(y, rows.iterrows(), colours, strict=True):
         axes.plot(
             [100 * row["gain_low"], 100 * row["gain_high"]], [at, at], color=colour, lw=2, solid_capstyle="butt"
@@ -108,12 +108,12 @@ def gain_distribution(gains: Mapping[str, FloatArray]) -> Figure:
 def table3_figure(summary: pd.DataFrame) -> Figure:
     """Quantiles and mean of each LCM parameter, ours beside the published ones. summary: ``summary_lcm``, all."""
     figure, grid = panels(9.4, 1.9, columns=len(PARAMETERS))
-    rows = summary.set_index("quantity")
+    rows = summary.set_index("quantity").to_dict("index")
     for axes, name in zip(grid[0], PARAMETERS, strict=True):
         axes.set_title(f"{name} [{UNITS[name]}]", fontsize=SIZE, color=INK, loc="left")
-        if name in rows.index:
-            _quartiles(axes, 1, rows.loc[name], "", _LOCAL)
-            _quartiles(axes, 0, rows.loc[name], "paper_", QUIET)
+        if name in rows:
+            _quartiles(axes, 1, rows[name], "", _LOCAL)
+            _quartiles(axes, 0, rows[name], "paper_", QUIET)
         axes.set_yticks([0, 1], ["paper", "ours"])
         axes.set_ylim(-0.6, 1.6)
         axes.xaxis.set_major_locator(MaxNLocator(3))
@@ -121,7 +121,7 @@ def table3_figure(summary: pd.DataFrame) -> Figure:
     return figure
 
 
-def _quartiles(axes: Axes, y: float, row: pd.Series, prefix: str, colour: str) -> None:
+def _quartiles(axes: Axes, y: float, row: Mapping[Hashable, Any], prefix: str, colour: str) -> None:
     axes.plot(
         [row[f"{prefix}q25"], row[f"{prefix}q75"]], [y, y], color=colour, lw=5, alpha=0.45, solid_capstyle="butt"
     )

@@ -47,7 +47,8 @@ def strata_figure(rows: pd.DataFrame) -> Figure:
     axes = grid[0, 0]
     _skills(axes, rows, [_BLUE] * len(rows))
     label(axes, x="skill", grid="x")
-    _name_rows(axes, [f"{labels.stratum(r.stratum)}  (n = {r.n_events})" for r in rows.itertuples(index=False)])
+    texts = [f"{labels.stratum(s)}  (n = {n})" for s, n in zip(rows["stratum"], rows["n_events"], strict=True)]
+    _name_rows(axes, texts)
     _legend(figure, axes, clipped=_any_below(rows))
     return figure
 
@@ -188,7 +189,7 @@ def dose_figure(rows: pd.DataFrame, models: Sequence[str], default: str) -> Figu
     return figure
 
 
-def _by_closing(rows: pd.DataFrame, model: str, closings: Sequence[str]) -> pd.DataFrame:
+def _by_closing(rows: pd.DataFrame, model: str, closings: list[str]) -> pd.DataFrame:
     return rows[rows["model"] == model].set_index("closing").reindex(closings)
 
 

@@ -1,7 +1,7 @@
 """The index of all events: a table that a reader searches, sorts and filters in the browser."""
 
 import base64
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -166,7 +166,8 @@ def _numbers(values: pd.Series, digits: int) -> list[float | None]:
 
 
 def _sparks(tables: IndexTables) -> list[list[str] | None]:
-    pages: Mapping[str, Any] = {row.event_id: row for row in tables.pages.itertuples(index=False)}
+    rows: Iterable[Any] = tables.pages.itertuples(index=False)
+    pages = {row.event_id: row for row in rows}
     return [_spark(pages.get(event_id)) for event_id in tables.events["event_id"]]
 
 

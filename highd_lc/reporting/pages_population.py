@@ -14,10 +14,15 @@ from highd_lc.reporting import figures_population as figures
 from highd_lc.reporting import html, labels
 from highd_lc.reporting.figures_population import ALL, start_figure
 from highd_lc.reporting.pages_data import Column, Section, TableView, overview_page, table_view
-from highd_lc.vocab import names, tables
-from highd_lc.vocab.tables import TABLES, Table
+from highd_lc.vocab import names
+from highd_lc.vocab.tables import TABLES
+from highd_lc.vocab.tables import columns as schema
 
-_PERCENT: Final = {"unit": "%", "digits": 2, "scale": 100.0}
+
+def _percent(name: str, title: str, digits: int = 2) -> Column:
+    return Column(name, title, "%", digits, 100.0)
+
+
 _MATRIX_COLUMNS: Final = (
     Column("form_label", "Form"),
     Column("accounting_label", "Accounting"),
@@ -26,17 +31,17 @@ _MATRIX_COLUMNS: Final = (
     Column("contacts", "Contacts", digits=0),
     Column("total_benchmark", "Loss, benchmark", digits=1),
     Column("total_local", "Loss, local", digits=1),
-    Column("gain", "Gain", **_PERCENT),
-    Column("gain_low", "from", **_PERCENT),
-    Column("gain_high", "to", **_PERCENT),
-    Column("gain_hv", "Gain of followers", **_PERCENT),
-    Column("gain_av", "Gain of AV", **_PERCENT),
-    Column("median_difference", "Median change of loss", **_PERCENT),
-    Column("hodges_lehmann", "the same, Hodges-Lehmann", **_PERCENT),
-    Column("share_differ", "Plans differ", "%", 1, 100.0),
-    Column("share_better", "Better", "%", 1, 100.0),
-    Column("share_worse", "Worse", "%", 1, 100.0),
-    Column("share_worst_follower_worse", "Some follower loses", "%", 1, 100.0),
+    _percent("gain", "Gain"),
+    _percent("gain_low", "from"),
+    _percent("gain_high", "to"),
+    _percent("gain_hv", "Gain of followers"),
+    _percent("gain_av", "Gain of AV"),
+    _percent("median_difference", "Median change of loss"),
+    _percent("hodges_lehmann", "the same, Hodges-Lehmann"),
+    _percent("share_differ", "Plans differ", 1),
+    _percent("share_better", "Better", 1),
+    _percent("share_worse", "Worse", 1),
+    _percent("share_worst_follower_worse", "Some follower loses", 1),
 )
 _FOLLOWERS: Final = Column("followers_label", "Followers")
 _SEVERAL: Final = " First the follower model that plans every event, then others on a sample of the events."
@@ -110,7 +115,8 @@ def _matrix_sections(matrix: pd.DataFrame) -> Iterator[Section]:
     strata = matrix[(matrix["stratum"] != ALL) & default]
     strata = strata.assign(stratum_label=strata["stratum"].map(labels.stratum))
     columns = (Column("stratum_label", "Stratum"), *_MATRIX_COLUMNS[2:])
-    for (form, accounting), rows in strata.groupby(["form", "accounting"], sort=False):
+    for key, rows in strata.groupby(["form", "accounting"], sort=False):
+        form, accounting = map(str, key)
         figure = figures.strata_figure(strata, form=form, accounting=accounting)
         title = f"{labels.FORMS[form]}, accounting “{labels.ACCOUNTING_NAMES[accounting].lower()}”, by stratum"
         alternative = f"Gain: {title}. The table below holds the numbers."
@@ -141,13 +147,13 @@ _DICTIONARY_COLUMNS: Final = (
 )
 
 
-def _dictionary_section(table: Table) -> Section:
+def _dictionary_section(table: schema.Table) -> Section:
     rows = tuple((c.name, c.kind, c.unit, c.meaning, ", ".join(_values(c))) for c in table.columns)
     text = f"One row a {table.row}; ordered by {', '.join(table.order)}."
     return Section(table.name, (text,), tables=(TableView(_DICTIONARY_COLUMNS, rows),), anchor=table.name)
 
 
-def _values(column: tables.Column) -> Iterator[str]:
+def _values(column: schema.Column) -> Iterator[str]:
     if column.allowed:
         yield " | ".join(word or "(empty)" for word in column.allowed)
     if column.minimum is not None:
@@ -245,7 +251,3 @@ def _foresight_section(summary: pd.DataFrame) -> Section:
     )
     title = "What knowing the leaders is worth"
     return Section(title, text, tables=(table_view(rows, columns),), anchor="foresight")
-
-
-def _percent(name: str, title: str, digits: int = 2) -> Column:
-    return Column(name, title, "%", digits, 100.0)

@@ -202,7 +202,7 @@ def _likeness_section(tables: PredictionTables) -> Section:
     rows = _labelled(tables, _with_losses(tables))
     at = tables.horizon(rows)
     drawn = rows[rows["horizon_s"] == at]
-    columns = _LIKENESS_COLUMNS
+    columns: tuple[Column, ...] = _LIKENESS_COLUMNS
     if drawn["bias_low"].isna().all():
         columns = tuple(c for c in columns if c.name not in ("bias_low", "bias_high"))
     title = f"Bias, braking, comfort and loss over {at:g} s"

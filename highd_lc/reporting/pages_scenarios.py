@@ -1,8 +1,8 @@
 """Pages of the scenarios: what happens (figures), and the ledger of every published number and claim."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
 import pandas as pd
 from markupsafe import Markup
@@ -300,12 +300,13 @@ _MARKDOWN_ARITHMETIC: Final = """
 
 
 def _ledger_table(readable: pd.DataFrame) -> str:
+    rows: Iterable[Any] = readable.itertuples()
     head = "| scenario | quantity | policy | published | ours | ratio | verdict | nearest | in the cell |"
     lines = [
         f"| {scenario_words(r.scenario)} | {r.what_unit} | {r.policy_label} "
         f"| {html.number(r.published)} | {html.number(r.ours)} | {html.number(r.ratio)} | {r.verdict} "
         f"| {html.number(r.nearest)} | {r.nearest_cell} |"
-        for r in readable.itertuples()
+        for r in rows
     ]
     return "\n".join([head, "|---|---|---|---|---|---|---|---|---|", *lines])
 

@@ -92,7 +92,7 @@ def _frame_speed(report: EventReport) -> float:
 def _steady_drive(report: EventReport) -> FloatArray:
     """x of a point that drives at v0. Relative to it numbers and differences are small: few bytes."""
     samples = max((path.x.size for path in (*report.others.values(), *_all_paths(report))), default=0)
-    return _frame_speed(report) * report.dt * np.arange(samples)
+    return _frame_speed(report) * report.dt * np.arange(samples, dtype=np.float64)
 
 
 def _all_paths(report: EventReport) -> Iterator[Path]:
@@ -167,7 +167,7 @@ def _period(t: FloatArray) -> float:
     """The median step of a grid, to the millisecond."""
     if t.size < 2:
         return _SAFE_PERIOD
-    steps = sorted((t[1:] - t[:-1]).tolist())
+    steps: list[float] = sorted((t[1:] - t[:-1]).tolist())
     return round((steps[len(steps) // 2] + steps[~(len(steps) // 2)]) / 2, 3)
 
 

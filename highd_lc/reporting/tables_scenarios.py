@@ -3,8 +3,8 @@
 What the scenarios' pages say: words beside each figure, and what the pages begin with.
 """
 
-from collections.abc import Mapping
-from typing import Final
+from collections.abc import Iterable, Mapping
+from typing import Any, Final
 
 import pandas as pd
 from markupsafe import Markup
@@ -111,9 +111,10 @@ def ledger_lead(frames: Frames) -> list[str]:
     def told(counts: pd.Series) -> str:
         return ", ".join(f"{n} {word}" for word, n in counts.items())
 
+    closest: Iterable[Any] = frames["closest"].itertuples()
     alone = "; ".join(
         f"scenario {scenario_words(row.scenario)}: {row.near} of {row.numbers} within 10 % (in {row.cell})"
-        for row in frames["closest"].itertuples()
+        for row in closest
     )
     return [
         f"{total} published numbers. Under the default options: {told(verdicts)}. In the cell nearest to each: "

@@ -3,7 +3,7 @@
 The scenarios' claims on the terminal.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from typing import Any
 
 import numpy as np
@@ -31,7 +31,8 @@ def matrix_table(matrix: pd.DataFrame) -> Table:
         table.add_column(heading, no_wrap=True)
     for heading in ("events", "inf.", "gain", "interval", "HV", "AV", "better", "worse"):
         table.add_column(heading, justify="right", no_wrap=True)
-    for row in matrix[matrix["stratum"] == "all"].itertuples():
+    rows: Iterable[Any] = matrix[matrix["stratum"] == "all"].itertuples()
+    for row in rows:
         shares = (row.gain_hv, row.gain_av, row.share_better, row.share_worse)
         interval = _interval(row.gain_low, row.gain_high)
         counts = (str(row.n_events), str(row.infeasible))
@@ -48,7 +49,8 @@ def lcm_table(summary: pd.DataFrame) -> Table:
     table.add_column("quantity", no_wrap=True)
     for heading in ("fits", "25 %", "50 %", "75 %", "mean", "bound"):
         table.add_column(heading, justify="right", no_wrap=True)
-    for row in summary[summary["group"] == "all"].itertuples():
+    rows: Iterable[Any] = summary[summary["group"] == "all"].itertuples()
+    for row in rows:
         pairs = (
             (row.q25, row.paper_q25),
             (row.q50, row.paper_q50),
@@ -156,7 +158,7 @@ def claims_table(claims: pd.DataFrame) -> Table:
     found = claims.set_index(["claim", "scenario", "form", "accounting"])
     for claim, words in CLAIM_WORDS.items():
         for scenario in dict.fromkeys(claims.loc[claims["claim"] == claim, "scenario"]):
-            rows = [found.loc[(claim, scenario, *cell)] for cell in cells]
+            rows: list[Any] = [found.xs((claim, scenario, *cell)) for cell in cells]
             table.add_row(words, scenario.replace("_", "/"), *map(_cell, rows))
     return table
 

@@ -1,5 +1,6 @@
 """Calibrate: every follower's LCM from its car-following before t_start; a pool's driver for those without one."""
 
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +29,7 @@ from highd_lc.stages.scenes import RecordedFollower, read_scene_tables, recorded
 from highd_lc.vocab import names
 from highd_lc.vocab.driver import PARAMETERS, TABLE3_MEANS
 from highd_lc.vocab.job import Combination, Job, JobReport
+from highd_lc.vocab.settings import Settings
 from highd_lc.vocab.tables import TABLES
 
 STAGE = "calibrate"
@@ -45,15 +47,11 @@ def run(job: Job) -> JobReport:
     Who cannot be fitted carries the published means here; ``combine`` gives him a pool's driver.
     """
     fits, tracks = [], []
-    hardest = hardest_braking(job.settings.validation.followers.b_max)
     for follower in recorded_followers(job.work, job.recording):
-        seed = follower_seed(job.settings.seed, follower.event_id, follower.rank)
-        fit = unfitted(0, NO_LEADER)
-        if follower.track is not None:
-            fit = fit_follower(follower.track, job.settings.calibrate, seed=seed, hardest=hardest)
-        about = {"event_id": follower.event_id, "recording_id": follower.recording_id, "follower": follower.rank}
-        fits.append(about | _follower_row(follower, fit, job) | {"seed": seed})
+        fit, row = fit_row(follower, job.settings)
+        fits.append(row)
         if not fit.reason and follower.track is not None:
+            about = {name: row[name] for name in ("event_id", "recording_id", "follower")}
             tracks.append(about | track_row(follower.track))
     followers = _frame("followers", fits)
     responses = _responses(job, followers)
@@ -67,6 +65,17 @@ def run(job: Job) -> JobReport:
     ):
         artefacts.write_part(job, STAGE, name, frame)
     return JobReport({"fitted": len(tracks), "not fitted": len(fits) - len(tracks)})
+
+
+def fit_row(follower: RecordedFollower, settings: Settings) -> tuple[FollowerFit, Row]:
+    """A follower's fit, and its columns of ``followers``; the published means where there is none."""
+    seed = follower_seed(settings.seed, follower.event_id, follower.rank)
+    fit = unfitted(0, NO_LEADER)
+    if follower.track is not None:
+        hardest = hardest_braking(settings.validation.followers.b_max)
+        fit = fit_follower(follower.track, settings.calibrate, seed=seed, hardest=hardest)
+    about = {"event_id": follower.event_id, "recording_id": follower.recording_id, "follower": follower.rank}
+    return fit, about | _follower_row(follower, fit, settings) | {"seed": seed}
 
 
 def _responses(job: Job, followers: pd.DataFrame) -> pd.DataFrame:
@@ -83,7 +92,7 @@ def _frame(name: str, rows: list[Row]) -> pd.DataFrame:
     return pd.DataFrame(rows, columns=list(TABLES[name].column_names), dtype=None if rows else object)
 
 
-def _follower_row(follower: RecordedFollower, fit: FollowerFit, job: Job) -> Row:
+def _follower_row(follower: RecordedFollower, fit: FollowerFit, settings: Settings) -> Row:
     row = {
         "vehicle_id": follower.vehicle_id,
         "class": follower.vehicle_class,
@@ -93,7 +102,7 @@ def _follower_row(follower: RecordedFollower, fit: FollowerFit, job: Job) -> Row
     if fit.reason:
         return row | _published() | {"status": names.TABLE3, "reason": fit.reason}
     L_replay = moved_behind(float(fit.parameters[-1]), follower.leader_length, follower.replay_leader_length)
-    method = method_name(job.settings.calibrate)
+    method = method_name(settings.calibrate)
     return row | _fit_columns(fit) | {"L_replay": L_replay, "status": names.FITTED, "reason": "", "method": method}
 
 
@@ -149,8 +158,8 @@ def combine(combination: Combination) -> JobReport:
         ("identifiability", population_tables.identifiability_rows(identified, own)),
         ("pooling", population_tables.pooling_rows(pooling)),
     ):
-        groups = iter([artefacts.to_arrow(name, table, combination.provenance)])
-        artefacts.write_groups(work, name, groups, combination.provenance)
+        whole = [artefacts.to_arrow(name, table, combination.provenance)]
+        artefacts.write_groups(work, name, whole, combination.provenance)
     predict(combination, frame)
     return JobReport({"followers": len(rows)})
 
@@ -158,7 +167,7 @@ def combine(combination: Combination) -> JobReport:
 def _joined(work: Path, name: str, recordings: list[int]) -> list[Row]:
     """The rows of a part table over all recordings."""
     parts = (artefacts.read_part(work, STAGE, name, recording) for recording in recordings)
-    return [row for part in parts for row in part.to_dict("records")]
+    return [{str(key): value for key, value in row.items()} for part in parts for row in part.to_dict("records")]
 
 
 def _drivers(fitted: list[Row], tracks: list[Row]) -> FittedDrivers:
@@ -181,7 +190,7 @@ def _studies(
     identified = pooling = None
     if len(sample) >= 1:
         identified = identifiability(
-            sample.tracks, sample.parameters, settings, seeds=sample.seeds, hardest=hardest
+            sample.tracks, list(sample.parameters), settings, seeds=sample.seeds, hardest=hardest
         )
     if len(sample) >= 2:
         pooling = study_pooling(sample.tracks, settings, rng=rng, hardest=hardest)
@@ -235,10 +244,11 @@ def _replay_leader_lengths(work: Path, recordings: list[int]) -> dict[tuple[str,
             work, "events", recording=recording, columns=["event_id", "ego_id", "follower_ids"]
         )
         vehicles = artefacts.read(work, "vehicles", recording=recording, columns=["vehicle_id", "length"])
+        rows: Iterable[Any] = events.itertuples()
         length = dict(zip(vehicles["vehicle_id"].tolist(), vehicles["length"].tolist(), strict=True))
         lengths |= {
             (event.event_id, rank): length[leader]
-            for event in events.itertuples()
+            for event in rows
             for rank, leader in enumerate([event.ego_id, *event.follower_ids[:-1]], start=1)
         }
     return lengths

@@ -1,6 +1,6 @@
 """Matched controls of a recording's cut-ins: from its tracks to rows of ``controls``."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -27,10 +27,12 @@ def control_rows(
     first = responses[responses["follower"] == 1].set_index("event_id")
     for horizon in EXTERNALITY_HORIZONS:
         candidates = starts(rows, rate, horizon)
-        for event in events.itertuples():
+        rows_of_events: Iterable[Any] = events.itertuples()
+        for event in rows_of_events:
             if event.event_id in first.index:
                 about = {"event_id": event.event_id, "recording_id": recording, "horizon_s": horizon}
-                group = _group(vehicles.loc[int(event.follower_ids[0])], int(event.target_lane))
+                vehicle: Any = vehicles.loc[int(event.follower_ids[0])]
+                group = _group(vehicle, int(event.target_lane))
                 own = np.array([event.ego_id, *event.follower_ids], dtype=np.int64)
                 yield about | _matched(
                     first.loc[event.event_id], group, own, candidates, rows, (rate, horizon, scales)
@@ -72,7 +74,7 @@ def _rows(work: Path, recording: int, vehicles: pd.DataFrame) -> Rows:
     tracks = tracks.sort_values(["vehicle_id", "frame"], ignore_index=True)
     ids, frame = tracks["vehicle_id"].to_numpy(np.int64), tracks["frame"].to_numpy(np.int64)
     leader = tracks["leader_id"].fillna(-1).to_numpy(np.int64)
-    place = vehicles.index.get_indexer(ids)
+    place = vehicles.index.get_indexer(pd.Index(ids))
     trucks = (vehicles["class"] == names.TRUCK).to_numpy()[place]
     lane = tracks["lane"].fillna(0).to_numpy(np.int64)
     group = (vehicles["driving_direction"].to_numpy()[place] * 2 + trucks) * _LANES + lane

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +10,8 @@ from numpy.typing import NDArray
 
 from highd_lc.extraction import data_quality
 from highd_lc.extraction.data_quality import Seconds, VehicleFacts
-from highd_lc.io.highd import Recording, input_files
+from highd_lc.io.highd import Recording
+from highd_lc.io.highd_files import input_files
 from highd_lc.vocab import names
 from highd_lc.vocab.cross_checks import CROSS_CHECKS, META, TRACKS, VEHICLES, CrossCheck
 
@@ -125,7 +127,7 @@ def _sizes(recording: Recording) -> dict[str, Finding]:
         agrees = _close(name, (seen - of_metas[vehicle])[known])
         found[name] = Finding(
             *_of_samples(name, vehicle[known], agrees, len(metas.id)),
-            lambda wrong, seen=seen, of_metas=of_metas: _why_other_size(vehicle, seen, of_metas, wrong),
+            partial(_why_other_size, vehicle, seen, of_metas),
         )
     return found
 
@@ -272,7 +274,8 @@ def _fastest(facts: VehicleFacts, recording: Recording) -> Finding:
 def _slopes(vehicle: IntArray, measured: FloatArray, recorded: FloatArray, n_vehicles: int) -> FloatArray:
     """By which factor what is recorded follows what is measured, of each vehicle; NaN without a sample."""
     both, square = (np.bincount(vehicle, measured * other, n_vehicles) for other in (recorded, measured))
-    return np.divide(both, square, out=np.full(n_vehicles, np.nan), where=square > 0)
+    factors: FloatArray = np.divide(both, square, out=np.full(n_vehicles, np.nan), where=square > 0)
+    return factors
 
 
 def _away_from_ends(recording: Recording, seconds: Seconds) -> BoolArray:

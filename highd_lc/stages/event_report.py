@@ -22,7 +22,7 @@ from highd_lc.drivers.calibration import RecordedMotion, following_track
 from highd_lc.io import artefacts
 from highd_lc.planning import planner
 from highd_lc.planning.planner import FORM_OF, PlanningProblem
-from highd_lc.planning.replay import AvMotion, box_centre, drive_on, follow, human_motion, plan_motion
+from highd_lc.planning.replay import AvMotion, box_centre, drive_on, follow, human_motion, joins, plan_motion
 from highd_lc.planning.scene import Motion, PackedScene, Scene, leaders_of
 from highd_lc.planning.start_planner import FORM_OF_START, key_of, replay_start
 from highd_lc.planning.starts import Key, StartProblem, pose_starts
@@ -39,7 +39,8 @@ from highd_lc.reporting.event import (
     Surface,
     TrackTrace,
 )
-from highd_lc.stages.scenes import Columns, SceneTables, read_scene_tables
+from highd_lc.stages.scene_drivers import Columns
+from highd_lc.stages.scenes import SceneTables, read_scene_tables
 from highd_lc.tracking.closed_loop import Controller, controller, errors_and_inputs
 from highd_lc.tracking.plan_tracking import plan_reference
 from highd_lc.vocab import names
@@ -139,7 +140,7 @@ def _track_trace(problem: PlanningProblem, policy: str, T: float, x_final: float
     return TrackTrace(
         policy=policy,
         plant=KINEMATIC,
-        t=scene.dt * np.arange(len(errors)),
+        t=scene.dt * np.arange(len(errors), dtype=np.float64),
         lateral=errors[:, 1],
         longitudinal=errors[:, 0],
         v=inputs[:, 0],
@@ -172,7 +173,7 @@ def policy_plays(problem: PlanningProblem, plans: Iterable[Row]) -> Iterator[Pla
                 run = _delayed(posed, key_of(posed, gap, delay_s), v_start, *shape)
             else:
                 run = _replayed(problem, policy, *shape)
-            driven[motion] = _play(problem, policy, *run, delay_s=delay_s)
+            driven[motion] = play_of(problem, policy, *run, delay_s=delay_s)
         yield replace(driven[motion], policy=policy, accountings=tuple(accountings))
 
 
@@ -201,7 +202,7 @@ def _replayed(problem: PlanningProblem, policy: str, T: float, x_final: float, v
         av, *followers = planner.unchanged_motion(problem)
         return av, (followers[0], followers[1], followers[2])
     if policy == names.HUMAN:
-        return _driven(human_motion(problem.scene.human, problem.packed), problem.packed)
+        return _driven(human_motion(problem.scene.driver, problem.packed), problem.packed)
     quintic = Quintic(v0=problem.scene.v0, D=problem.scene.lateral_shift, T=T, x_final=x_final, v_end=v_end)
     return _driven(plan_motion(quintic, problem.packed), problem.packed)
 
@@ -210,11 +211,12 @@ def _driven(av: AvMotion, scene: PackedScene) -> Driven:
     # As ``replay`` does, but without the clearances, which stand in the tables and take most of its time.
     drive_on(av.x, av.y, av.vx, av.ax, av.jerk, av.free_from, scene)
     x, v, a = (np.empty((len(scene.follower_x), len(av.x))) for _ in range(3))
-    follow(av.x + scene.length / 2.0, av.vx, av.crossing if scene.from_crossing else 0, scene, x, v, a)
+    follow(av.x + scene.length / 2.0, av.vx, joins(av, scene), scene, x, v, a)
     return av, (x, v, a)
 
 
-def _play(problem: PlanningProblem, policy: str, av: AvMotion, followers: Three, *, delay_s: float) -> Play:
+def play_of(problem: PlanningProblem, policy: str, av: AvMotion, followers: Three, *, delay_s: float) -> Play:
+    """What happens under a policy, by box centres. followers: their x, v and a."""
     scene = problem.scene
     stays = policy == names.NO_LANE_CHANGE
     levels = (np.full(len(av.x), y) for y in scene.followers.y)
@@ -283,9 +285,10 @@ def read_tables(job: Job) -> RecordingTables:
     recorded = [("policy", "==", RECORDED)]
     behind = artefacts.read_partition(job.work, "trajectories", job.recording, where=recorded)
     rows = {name: _by_event(frame[frame["followers"] == default]) for name, frame in found.items()}
+    events: list[Any] = scenes.events.to_dict("records")
     return RecordingTables(
         scenes=scenes,
-        events=tuple(scenes.events.to_dict("records")),
+        events=tuple(events),
         tracks=_by_event_and_role(scenes.tracks),
         boxes={vehicle: Box(*size) for vehicle, size in scenes.sizes.items()},
         directions=dict(zip(ids, directions, strict=True)),
@@ -310,8 +313,8 @@ def _by_event(frame: pd.DataFrame) -> dict[str, tuple[Row, ...]]:
 def _by_event_and_role(tracks: Mapping[tuple[str, ...], Columns]) -> dict[str, dict[str, Track]]:
     grouped: dict[str, dict[str, Track]] = defaultdict(dict)
     for (event_id, role), rows in tracks.items():
-        motion = (rows[name] for name in ("t", "x", "y", "vx", "ax"))
-        grouped[event_id][role] = Track(int(rows["vehicle_id"][0]), *motion, rows["calibration"])
+        columns = (rows[name] for name in ("t", "x", "y", "vx", "ax", "calibration"))
+        grouped[event_id][role] = Track(int(rows["vehicle_id"][0]), *columns)
     return grouped
 
 
@@ -325,7 +328,7 @@ def event_report(event: Row, tables: RecordingTables, scene: Scene, settings: Va
     """Everything that the page of an event shows."""
     event_id = str(event["event_id"])
     tracks = tables.tracks[event_id]
-    grid = PERIOD * np.arange(round(settings.loss.horizon_s / PERIOD) + 1)
+    grid = PERIOD * np.arange(round(settings.loss.horizon_s / PERIOD) + 1, dtype=np.float64)
     divider = _divider(event, tracks[names.EGO])
     of_event = {name: rows.get(event_id, ()) for name, rows in tables.rows.items()}
     problem = planner.pose(scene, settings)

@@ -2,6 +2,7 @@
 
 from collections import Counter
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -12,7 +13,7 @@ from highd_lc.extraction.lane_change import Crossing, RoleRows, find_crossings, 
 from highd_lc.extraction.lateral_motion import Rule
 from highd_lc.extraction.roles import NOBODY
 from highd_lc.extraction.track_index import ABSENT, TrackIndex, Traffic
-from highd_lc.io import artefacts, highd
+from highd_lc.io import artefacts, highd, highd_files
 from highd_lc.io.highd import TrackArrays
 from highd_lc.vocab import names
 from highd_lc.vocab.errors import InputError
@@ -53,7 +54,7 @@ def run(job: Job) -> JobReport:
         max_followers=settings.max_followers,
     )
     events = [crossing for crossing in crossings if not crossing.reason]
-    confirmed = sum(event.roles.confirmed for event in events)
+    confirmed = sum(event.known_roles.confirmed for event in events)
     _refuse_unconfirmed(job, confirmed, len(events))
     artefacts.write_part(job, STAGE, "crossings", _table("crossings", _crossing_rows(recording, crossings)))
     artefacts.write_part(job, STAGE, "events", _table("events", _event_rows(recording, events)))
@@ -66,7 +67,7 @@ def run(job: Job) -> JobReport:
 def _refuse_unconfirmed(job: Job, confirmed: int, n_events: int) -> None:
     """Ingest compares every vehicle's ids; those of the few around a lane change may be wrong all the same."""
     if n_events >= _FEWEST_EVENTS and confirmed < _LEAST_CONFIRMED * n_events:
-        path, wrong = highd.input_files(job.data, job.recording)[2], n_events - confirmed
+        path, wrong = highd_files.input_files(job.data, job.recording)[2], n_events - confirmed
         text = f"names others than the vehicles ahead in {wrong} of {n_events} lane changes"
         raise InputError(f"{path}: column 'precedingId': {text}")
 
@@ -178,7 +179,7 @@ def _motion(recording: _Recording, event: Crossing) -> dict[str, object]:
 
 
 def _roles(recording: _Recording, event: Crossing) -> dict[str, object]:
-    roles, traffic = event.roles, recording.traffic
+    roles, traffic = event.known_roles, recording.traffic
     changes = [(later.frame - event.start_frame) / traffic.rate for later in event.successors]
     later_ids = [_id(recording, later.vehicle) for later in event.successors]
     return {
@@ -207,13 +208,14 @@ def _id(recording: _Recording, vehicle: int) -> int | None:
     return None if vehicle == NOBODY else int(recording.traffic.ids[vehicle])
 
 
-def _snapped(values: NDArray[np.floating]) -> FloatArray:
+def _snapped(values: NDArray[Any]) -> FloatArray:
     """To the grid of 1e-4, so that a mirrored recording gives the same numbers; never -0.
 
     Undoes the rounding of positions in sums and of speeds in the tracks artefact: HighD's values have a grid of
     0.01, the halves of its lengths one of 0.005.
     """
-    return np.round(values.astype(np.float64), 4) + 0.0
+    exact: FloatArray = values.astype(np.float64)
+    return np.round(exact, 4) + 0.0
 
 
 def _write_event_tracks(job: Job, recording: _Recording, events: list[Crossing]) -> int:
@@ -223,7 +225,7 @@ def _write_event_tracks(job: Job, recording: _Recording, events: list[Crossing])
         (
             (event, part)
             for event in events
-            for part in role_rows(recording.traffic, event, event.roles, horizon_s=horizon)
+            for part in role_rows(recording.traffic, event, event.known_roles, horizon_s=horizon)
         ),
         key=lambda piece: (_event_id(recording, piece[0]), piece[1].role),
     )

@@ -16,8 +16,9 @@ from highd_lc.extraction.data_quality import (
     vehicle_facts,
 )
 from highd_lc.io import artefacts, highd
-from highd_lc.io.highd import Parts, Recording, input_files, read_recording, split_tracks
+from highd_lc.io.highd import Parts, Recording, read_recording, split_tracks
 from highd_lc.io.highd_csv import fault
+from highd_lc.io.highd_files import input_files
 from highd_lc.stages.cross_checks import Verdict, files_by_kind, findings, verdicts
 from highd_lc.vocab import names
 from highd_lc.vocab.cross_checks import CROSS_CHECKS

@@ -222,7 +222,7 @@ def _trace(overview: Overview, fit: pd.Series) -> FitTrace:
     recorded = track_of(chosen.iloc[0])
     simulated = simulate(recorded, fit[list(PARAMETERS)].to_numpy(float), hardest=hardest)
     return FitTrace(
-        t=TIME_STEP * np.arange(recorded.x.size),
+        t=TIME_STEP * np.arange(recorded.x.size, dtype=np.float64),
         spacing_recorded=_safe(recorded.spacing, raw),
         spacing_simulated=_safe(recorded.leader_x - simulated.x, raw),
         speed_recorded=_safe(recorded.v, raw),

@@ -42,7 +42,7 @@ def summarise_fits(fitted: pd.DataFrame) -> pd.DataFrame:
 
     fitted: rows of ``followers`` with status "fitted". Without any, every value is NaN and n is 0.
     """
-    groups = {ALL: fitted} | {key: rows for key, rows in fitted.groupby("class")}
+    groups = {ALL: fitted} | {str(key): rows for key, rows in fitted.groupby("class")}
     rows = [row for group, members in groups.items() for row in _rows(group, members)]
     return pd.DataFrame(rows, columns=list(TABLES["summary_lcm"].column_names))
 

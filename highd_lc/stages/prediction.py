@@ -1,7 +1,8 @@
 """Tables of how followers are predicted: models of each follower, errors, summary, dose-response, externality."""
 
-from collections.abc import Iterator
+from collections.abc import Hashable, Iterator
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -65,7 +66,7 @@ def predict(combination: Combination, followers: pd.DataFrame) -> None:
     )
     responses = responses_of(rows)
     given = settings.validation.followers.population
-    crossfit = CrossFit(responses, given=load_population(given) if given else None)
+    crossfit = CrossFit(responses, given=load_population(Path(given)) if given else None)
     judgement = judge_all(
         rows, responses, _fits(rows, followers), crossfit, _chosen(settings),
         hardest=hardest_braking(settings.validation.followers.b_max),
@@ -214,7 +215,7 @@ def prediction_summary(table: pd.DataFrame, default: str, *, confidence: float) 
     rows = []
     for label in strata(first).values():
         for (stratum, horizon), part in first.groupby([label, "horizon_s"], sort=True):
-            rows += list(_summary_rows(str(stratum), float(horizon), part, default, confidence))
+            rows += list(_summary_rows(str(stratum), float(str(horizon)), part, default, confidence))
     return pd.DataFrame(rows, columns=columns).sort_values(["model", "stratum", "horizon_s"], ignore_index=True)
 
 
@@ -224,8 +225,9 @@ def _summary_rows(
     errors = part.pivot_table(index="event_id", columns="model", values="error_speed_mps")
     clusters = part.groupby("event_id")["recording_id"].first().reindex(errors.index).to_numpy()
     absolute = errors.abs()
-    naive = [name for name in names.NAIVE_MODELS if name in absolute]
-    best = min(naive, key=lambda name: float(absolute[name].mean())) if naive else ""
+    mean: dict[Hashable, float] = absolute.mean().to_dict()
+    naive = [name for name in names.NAIVE_MODELS if name in mean]
+    best = min(naive, key=mean.__getitem__) if naive else ""
     for name, own in part.groupby("model", sort=False):
         error, size = errors[name].to_numpy(), absolute[name].to_numpy()
         usable = ~own["contact"].to_numpy(bool)

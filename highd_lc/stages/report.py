@@ -9,6 +9,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import cache, partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -127,7 +128,7 @@ def run(job: Job, *, request: ReportRequest) -> JobReport:
     return JobReport(counts, tuple(problems))
 
 
-def _event_pages(job: Job, request: ReportRequest, problems: list[Problem]) -> Iterator[dict[str, object]]:
+def _event_pages(job: Job, request: ReportRequest, problems: list[Problem]) -> Iterator[dict[str, Any]]:
     """Write the pages and pictures of a recording's events; yields the row of ``event_pages`` of each.
 
     An event whose motions cannot be drawn gets a page that says why, and a problem.
@@ -186,7 +187,7 @@ def _write_failed(event_id: str, why: str, links: Links, reports: Path) -> None:
     _write(reports / "events" / f"{event_id}.html", page.encode("utf-8"))
 
 
-def _page_row(report: EventReport, job: Job, links: Links) -> dict[str, object]:
+def _page_row(report: EventReport, job: Job, links: Links) -> dict[str, Any]:
     return {
         "event_id": report.event_id,
         "recording_id": job.recording,

@@ -73,7 +73,7 @@ def recorded_change(work: Path, settings: ScenarioSettings) -> RecordedChange | 
     events = artefacts.read(work, "events")
     if events.empty:
         return None
-    event = events.loc[events["follower_ids"].map(len).idxmax()]
+    event = events.iloc[int(events["follower_ids"].map(len).to_numpy().argmax())]
     rows = _carriageway(work, event)
     rows = rows.assign(t=rows["t"] - _crossing_time(event, rows))
     span = settings.recorded
@@ -125,7 +125,9 @@ def _wave(event: pd.Series, rows: pd.DataFrame, seed: int) -> WaveSpeed:
         index="frame", columns="vehicle_id", values=["x", "vx"]
     )
     wide = wide.reindex(range(int(wide.index.min()), int(wide.index.max()) + 1))
-    x, v = (wide[name].reindex(columns=chain).to_numpy(np.float64).T for name in ("x", "vx"))
+    x, v = (
+        wide.reindex(columns=[(name, vehicle) for vehicle in chain]).to_numpy(np.float64).T for name in ("x", "vx")
+    )
     rng = np.random.default_rng([seed, int(event["recording_id"]), int(event["ego_id"])])
     return wave_speed(x, v - np.nanmean(v, axis=1, keepdims=True), dt=1.0 / float(event["frame_rate"]), rng=rng)
 

@@ -1,6 +1,7 @@
 """Who drives the followers of a scene: from rows of ``followers`` or ``follower_models`` to a scene's drivers."""
 
 from dataclasses import replace
+from functools import partial
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, Final
@@ -56,15 +57,15 @@ def read_drivers(
     work: Path, recording: int, followers: pd.DataFrame, model: str
 ) -> dict[tuple[str, ...], Columns]:
     """Of each event what a scene needs of its followers under a model. Raises ArtefactError without that model."""
-    about = {"by": ["event_id"], "order": "follower"}
+    grouping = partial(grouped, by=["event_id"], order="follower")
     if model in _FROM_FITS:
-        return grouped("followers", _alike(work, followers, model), columns=_FIT_COLUMNS, **about)
+        return grouping("followers", _alike(work, followers, model), columns=_FIT_COLUMNS)
     rows = artefacts.read(work, "follower_models", recording=recording)
     rows = rows[rows["model"] == model]
     if len(rows) < len(followers):
         have = f"model {model!r}: {len(rows)} of the {len(followers)} followers of recording {recording:02d}"
         raise ArtefactError(f"follower_models: {have}; calibrate with that model, or choose another")
-    return grouped("follower_models", rows, columns=_MODEL_COLUMNS, **about)
+    return grouping("follower_models", rows, columns=_MODEL_COLUMNS)
 
 
 def _alike(work: Path, fits: pd.DataFrame, model: str) -> pd.DataFrame:
@@ -86,13 +87,13 @@ def driven(
     if model not in _FROM_FITS:
         return replace(followers, **_behaviour(drivers))
     L, behind = float(drivers["L"][0]), float(drivers["leader_length_m"][0])
-    bare = Followers.__dataclass_fields__
+    bare: dict[str, Any] = {name: Followers.__dataclass_fields__[name].default for name in _BEHAVIOUR}
     return replace(
         followers,
         parameters=_parameters(drivers, [ego_length, *followers.length[:-1]]),
         L_no_change=moved_behind(L, behind, target_leader.length if target_leader is not None else behind),
         spread=np.array([[row.get(p, 0.0) for p in PARAMETERS] for row in map(dict, drivers["spread"])]),
-        **{name: bare[name].default for name in _BEHAVIOUR},
+        **bare,
     )
 
 

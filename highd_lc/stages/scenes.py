@@ -3,7 +3,7 @@
 Followers' tracks between tables and arrays: from event tracks to windows, from windows to rows and back.
 """
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -57,7 +57,8 @@ def scene_makers(tables: SceneTables, settings: ValidateSettings) -> Iterator[tu
 
     A scene that cannot be made does not stand in the others' way.
     """
-    for event in tables.events.itertuples():
+    events: Iterable[Any] = tables.events.itertuples()
+    for event in events:
         yield event.event_id, partial(_scene, event, tables, settings)
 
 
@@ -69,6 +70,13 @@ def load_scene(work: Path, event_id: str, settings: ValidateSettings) -> Scene:
     if chosen.empty:
         raise KeyError(event_id)
     return _scene(next(chosen.itertuples()), tables, settings)
+
+
+def of_own_fits(settings: ValidateSettings) -> ValidateSettings:
+    """The settings with everybody driven by his own fit: for who has nothing but fits."""
+    own = settings.followers.model_copy(update={"model": names.OWN_FIT, "also": ()})
+    planner = settings.planner.model_copy(update={"parameters": "fitted"})
+    return settings.model_copy(update={"followers": own, "planner": planner})
 
 
 def read_scene_tables(
@@ -95,7 +103,7 @@ def read_scene_tables(
     )
 
 
-def _scene(event: object, tables: SceneTables, settings: ValidateSettings) -> Scene:
+def _scene(event: Any, tables: SceneTables, settings: ValidateSettings) -> Scene:
     ego = _rows(event, names.EGO, tables)
     assert ego is not None, "extraction writes rows of the ego of every event"
     start = int(np.searchsorted(ego["t"], -1e-9))
@@ -110,6 +118,7 @@ def _scene(event: object, tables: SceneTables, settings: ValidateSettings) -> Sc
         width=width,
         wheelbase=WHEELBASE_SHARE * length,
         dt=TIME_STEP,
+        horizon=settings.loss.horizon_s,
         target_leader=target_leader,
         origin_leader=_leader(event, names.ORIGIN_LEADER, tables, settings),
         origin_follower=_leader(event, names.ORIGIN_FOLLOWER, tables, settings),
@@ -119,7 +128,7 @@ def _scene(event: object, tables: SceneTables, settings: ValidateSettings) -> Sc
     )
 
 
-def _rows(event: object, role: str, tables: SceneTables, around: float = 0.0) -> Columns | None:
+def _rows(event: Any, role: str, tables: SceneTables, around: float = 0.0) -> Columns | None:
     """The rows of a role without a break around a time [s]; None without any. Nothing is told of what lies beyond
     a hole.
     """
@@ -133,10 +142,10 @@ def _rows(event: object, role: str, tables: SceneTables, around: float = 0.0) ->
 
 
 def _grid(horizon: float) -> FloatArray:
-    return np.arange(round(horizon / TIME_STEP) + 1) * TIME_STEP
+    return np.arange(round(horizon / TIME_STEP) + 1, dtype=np.float64) * TIME_STEP
 
 
-def _leader(event: object, role: str, tables: SceneTables, settings: ValidateSettings) -> Motion | None:
+def _leader(event: Any, role: str, tables: SceneTables, settings: ValidateSettings) -> Motion | None:
     track = _rows(event, role, tables)
     if track is None or track["t"][-1] < 0.0:
         return None
@@ -146,7 +155,7 @@ def _leader(event: object, role: str, tables: SceneTables, settings: ValidateSet
     return _predicted(motion, free_road=settings.planner.leaders == "lcm")
 
 
-def _next_leaders(event: object, tables: SceneTables, settings: ValidateSettings) -> Iterator[NextLeader]:
+def _next_leaders(event: Any, tables: SceneTables, settings: ValidateSettings) -> Iterator[NextLeader]:
     """Who leads the target lane after its leader left it; nobody is foreseen where leaders are predicted."""
     if settings.planner.leaders != "recorded":
         return
@@ -207,7 +216,7 @@ def _predicted(motion: Motion, *, free_road: bool) -> Motion:
 
 
 def _followers(
-    event: object,
+    event: Any,
     tables: SceneTables,
     target_leader: Motion | None,
     ego_length: float,
@@ -243,7 +252,7 @@ def driven_by(scene: Scene, model: str, tables: SceneTables) -> Scene:
     return replace(scene, followers=followers)
 
 
-def _human(event: object, ego: Columns, settings: PlannerSettings) -> Human:
+def _human(event: Any, ego: Columns, settings: PlannerSettings) -> Human:
     """The recorded path, smoothed by a local cubic (Savitzky-Golay), and its derivatives at the grid's samples, as
     long as the ego is in view.
     """
@@ -306,7 +315,8 @@ def recorded_followers(work: Path, recording: int) -> Iterator[RecordedFollower]
     )
     about = zip(vehicles["class"], vehicles["length"].tolist(), strict=True)
     tables = _Tables(_motions(rows), dict(zip(vehicles["vehicle_id"].tolist(), about, strict=True)))
-    for event in events.itertuples():
+    rows_of_events: Iterable[Any] = events.itertuples()
+    for event in rows_of_events:
         for rank in range(1, len(event.follower_ids) + 1):
             yield _recorded_follower(event, rank, tables)
 

@@ -257,7 +257,7 @@ def _gain(pair: pd.DataFrame, column: str) -> float:
 def _with_somebody_worse(pair: pd.DataFrame, band: float) -> pd.DataFrame:
     """A pair with whether the policy raises any follower's loss by more than the band."""
     one, other = _followers(pair)
-    return pair.assign(somebody_worse=(one > other * (1.0 + band)).any(axis=1))
+    return pair.assign(somebody_worse=np.asarray((one > other * (1.0 + band)).any(axis=1)))
 
 
 def summarise_losses(losses: PolicyLosses, settings: StatisticsSettings, *, seed: int) -> pd.DataFrame:

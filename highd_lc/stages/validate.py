@@ -90,10 +90,10 @@ def run(job: Job) -> JobReport:
         traces += traced
         for name, row in found:
             rows[name].append({"event_id": event_id, "recording_id": job.recording, **row})
-    for name, found in rows.items():
-        artefacts.write_part(job, STAGE, name, _frame(name, found))
+    for name, of_table in rows.items():
+        artefacts.write_part(job, STAGE, name, _frame(name, of_table))
     write_traces(job, traces)
-    return JobReport({name: len(found) for name, found in rows.items()}, tuple(problems))
+    return JobReport({name: len(of_table) for name, of_table in rows.items()}, tuple(problems))
 
 
 def _frame(name: str, rows: list[Row]) -> pd.DataFrame:
@@ -130,10 +130,10 @@ def _event_rows(planned: list[Planned], job: Job, chosen: Samples) -> Iterator[t
 def _planned_rows(planned: Planned) -> Iterator[tuple[str, Row]]:
     """Plans, losses and tracking of an event with one follower model."""
     problem, plans = planned.tracker.problem, planned.plans
-    scores = _Scores(problem, next(p for p in plans if p.policy == names.NO_LANE_CHANGE))
+    scores = Scores(problem, next(p for p in plans if p.policy == names.NO_LANE_CHANGE))
     for plan in plans:
-        yield "plans", _plan_row(problem, plan)
-        yield "losses", _loss_row(problem, plan, scores)
+        yield "plans", plan_row(problem, plan)
+        yield "losses", loss_row(problem, plan, scores)
     for row in tracking_rows(planned):
         yield "tracking", row
 
@@ -169,7 +169,8 @@ def _sampled_rows(study: Study) -> Iterator[tuple[str, Row]]:
     yield from pareto_rows(study)
 
 
-def _plan_row(problem: PlanningProblem, plan: Plan) -> Row:
+def plan_row(problem: PlanningProblem, plan: Plan) -> Row:
+    """The columns of ``plans`` of one plan."""
     clearances = [margin for name, margin in plan.margins.items() if name.startswith("clearance_")]
     return {
         "policy": plan.policy,
@@ -238,8 +239,11 @@ def _finite(value: float) -> float:
 
 
 @dataclass(frozen=True)
-class _Scores:
-    """Losses and safety of an event's replays, each computed once: accountings share them."""
+class Scores:
+    """Losses and safety of an event's replays, each computed once: accountings share them.
+
+    unchanged: the plan without a lane change, beside which the followers' loss is an increment.
+    """
 
     problem: PlanningProblem
     unchanged: Plan
@@ -255,6 +259,7 @@ class _Scores:
 
     def safety(self, plan: Plan, last: int) -> dict[str, float]:
         """Safety of a plan's replay up to sample ``last``."""
+        assert plan.replay is not None
         key = id(plan.replay), last
         if key not in self.safe:
             lane = pairs(plan.replay, self.problem.packed, joins=plan.policy != names.NO_LANE_CHANGE)
@@ -263,16 +268,23 @@ class _Scores:
 
     def hv_unchanged(self, last: int) -> float:
         """The followers' loss without a lane change, charged up to sample ``last``; NaN after a contact."""
-        unchanged, origin = self.unchanged, self.problem.scene.origin_leader
-        if first_contact(unchanged.replay, self.problem.packed, joins=False, last=last, origin_leader=origin):
+        replay, origin = self.unchanged.replay, self.problem.scene.origin_leader
+        assert replay is not None, "it needs no plan"
+        if first_contact(replay, self.problem.packed, joins=False, last=last, origin_leader=origin):
             return np.nan
-        losses = self.losses(self.unchanged.replay)
+        losses = self.losses(replay)
         both = losses.hv_comfort[:, last] + losses.hv_efficiency[:, last]
         return float(0.5 * self.problem.terms.weights @ both)
 
 
-def _loss_row(problem: PlanningProblem, plan: Plan, scores: _Scores) -> Row:
-    row = {"policy": plan.policy, "accounting": plan.accounting, "recorded_n_samples": 0, "follower_n_samples": 0}
+def loss_row(problem: PlanningProblem, plan: Plan, scores: Scores) -> Row:
+    """The columns of ``losses`` of one plan; what cannot be known is left out."""
+    row: Row = {
+        "policy": plan.policy,
+        "accounting": plan.accounting,
+        "recorded_n_samples": 0,
+        "follower_n_samples": 0,
+    }
     row |= {"loss_hv_each": [], "follower_weights": [], "contact": plan.contact}
     if plan.replay is None:
         return row
@@ -292,7 +304,7 @@ def _loss_row(problem: PlanningProblem, plan: Plan, scores: _Scores) -> Row:
         row |= charges.recorded_loss(recorded, losses, terms, settings, last=both, dt=dt)
         if plan.contact:
             row["loss_hv_simulated"] = np.nan
-        row["av_comfort_raw"] = problem.scene.human.comfort_raw / settings.comfort_scale
+        row["av_comfort_raw"] = problem.scene.driver.comfort_raw / settings.comfort_scale
     row |= scores.safety(plan, charged)
     row["peak_follower_decel"] = charges.peak_deceleration(plan.replay.a, charged)
     return row
@@ -319,9 +331,8 @@ def _population(combination: Combination, events: pd.DataFrame) -> Iterator[tupl
     losses = artefacts.read(work, "losses")
     of_model = {model: PolicyLosses(losses[losses["followers"] == model]) for model in models}
     each = partial(_of_each_model, of_model)
-    made = {"settings": settings, "seed": seed}
-    yield "validation_matrix", each(lambda one: validation_matrix(events, one, **made))
-    yield "summary_losses", each(lambda one: summarise_losses(one, **made))
+    yield "validation_matrix", each(lambda one: validation_matrix(events, one, settings=settings, seed=seed))
+    yield "summary_losses", each(lambda one: summarise_losses(one, settings=settings, seed=seed))
     yield "worse_for_somebody", each(lambda one: worse_for_somebody(one, settings))
     yield "gain_map", each(lambda one: gain_map(events, one, settings, seed=seed))
     yield "leave_one_out", each(lambda one: leave_one_out(events, one, settings, seed=seed))

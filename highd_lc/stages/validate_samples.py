@@ -261,6 +261,13 @@ def tracking_rows(planned: Planned) -> Iterator[Row]:
         yield {"policy": plan.policy, "plant": plant} | row
 
 
+def tracking_row(tracker: PlanTracker, plan: Plan, plant: str) -> Row:
+    """What tracking makes of a plan on a plant, by the columns of ``tracking``."""
+    driven = tracker.drive(plan, plant)
+    row: Row = {"policy": plan.policy, "plant": plant, "status": plan.status, "contact": ""}
+    return row if driven is None else row | _row(tracker, driven)
+
+
 def _row(tracker: PlanTracker, driven: DrivenPlan) -> Row:
     """With a plan that cannot be driven, the status alone: every number is missing, none is 0."""
     row: Row = {"status": driven.result.status, "contact": ""}
