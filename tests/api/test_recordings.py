@@ -57,10 +57,17 @@ def test_fits_are_those_of_a_run(read, pipeline_run):
     assert fitted
 
 
+def driver_of(row):
+    """A run's driver of a follower, be it a pool's, as a fit."""
+    driver = lc.LcmParameters(*(row[name] for name in ("v_desire", "A", "b", "B", "tau", "L")))
+    return lc.DriverFit(driver, row["leader_length_m"], None, (), row["spread"], 0.0, 0, row["status"], "")
+
+
 def test_plans_losses_and_tracking_are_those_of_a_run(read, pipeline_run):
-    fits = {event.event_id: lc.fit_drivers(event) for event in lc.lane_changes(read)}
-    event = next(e for e in lc.lane_changes(read) if all(fit.status == "fitted" for fit in fits[e.event_id]))
-    scene = event.scene(drivers=fits[event.event_id])
+    event = max(lc.lane_changes(read), key=lambda one: len(one.followers))
+    theirs = artefacts.read(pipeline_run.work, "followers", recording=1).to_dict("records")
+    drivers = [driver_of(row) for row in theirs if row["event_id"] == event.event_id]
+    scene = event.scene(drivers=drivers)
     tables = {
         name: rows[rows["event_id"] == event.event_id]
         for name in ("plans", "losses", "tracking")
