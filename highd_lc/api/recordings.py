@@ -9,6 +9,7 @@ from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 import pandas as pd
+from pydantic import ValidationError
 
 from highd_lc.core.car_following import TIME_STEP
 from highd_lc.io import artefacts, highd_files, synthetic, workspace
@@ -18,10 +19,10 @@ from highd_lc.stage_run import STAGES
 from highd_lc.stages import extract, ingest
 from highd_lc.stages.scenes import RecordedFollower, recorded_followers
 from highd_lc.vocab import names
-from highd_lc.vocab.errors import UsageError
+from highd_lc.vocab.errors import StorageError, UsageError
 from highd_lc.vocab.job import Job, JobReport, Provenance
 from highd_lc.vocab.recorder import RecorderSettings
-from highd_lc.vocab.settings import Settings
+from highd_lc.vocab.settings import Settings, SyntheticSettings
 
 if TYPE_CHECKING:
     from highd_lc.api.fits import Driver
@@ -137,6 +138,7 @@ def read_recording(
     Raises:
         InputError: a file is missing or faulty (named with column and row), or columns contradict one another.
         SettingsError: there is no such pipeline, or it holds what it may not.
+        StorageError: there is no room for a temporary folder.
 
     Example:
         >>> import highd_lc as lc
@@ -145,13 +147,22 @@ def read_recording(
         >>> again.meta.frame_rate, len(again.tracks) == len(made.tracks)
         (25.0, True)
     """
-    return _read(Path(data), number, settings_of(pipeline), TemporaryDirectory(prefix="highd_lc-"))
+    return _read(Path(data), number, settings_of(pipeline), _private_folder())
 
 
 def _read(data: Path, number: int, settings: Settings, folder: TemporaryDirectory[str]) -> Recording:
     report = _run(ingest, _job(data, number, Path(folder.name), settings))
     meta = read_recording_meta(highd_files.input_files(data, number)[0])
     return Recording(number, data, meta, settings, tuple(one.message for one in report.problems), folder)
+
+
+def _private_folder() -> TemporaryDirectory[str]:
+    try:
+        return TemporaryDirectory(prefix="highd_lc-")
+    except OSError as error:
+        raise StorageError(
+            f"no private folder can be made: {error.strerror}; TMPDIR names another place"
+        ) from error
 
 
 def settings_of(pipeline: str | PathLike[str]) -> Settings:
@@ -173,7 +184,7 @@ def synthesize(
         recordings: how many; they are numbered from 1.
         seconds: length of each [s].
         seed: recording k depends on the seed, k and the recorder alone.
-        recorder: lanes, flow, drivers and errors of the recorder; None resembles HighD.
+        recorder: lanes, flow, drivers and errors of the recorder; None = the pipeline's, which resembles HighD.
         pipeline: settings under which they are read, as in ``read_recording``.
 
     Returns:
@@ -181,7 +192,9 @@ def synthesize(
         files in ``data`` lies the truth, which nothing reads.
 
     Raises:
-        UsageError: fewer than one recording, or no time.
+        UsageError: a number is out of range (5 to 3600 s, 1 to 200 recordings).
+        SettingsError: there is no such pipeline, or it holds what it may not.
+        StorageError: there is no room for a temporary folder.
 
     Example:
         >>> import highd_lc as lc
@@ -189,14 +202,19 @@ def synthesize(
         >>> recording.tracks["vehicle_id"].nunique() == len(recording.vehicles)
         True
     """
-    if recordings < 1 or not seconds > 0.0:
-        raise UsageError(f"recordings = {recordings}, seconds = {seconds}: both are to be positive")
-    settings, found = settings_of(pipeline), []
-    for number in range(1, recordings + 1):
-        folder = TemporaryDirectory(prefix="highd_lc-")
+    settings = settings_of(pipeline)
+    wanted = {"recordings": recordings, "seconds": seconds, "seed": seed}
+    try:
+        made = SyntheticSettings.model_validate(wanted | {"recorder": recorder or settings.synthetic.recorder})
+    except ValidationError as error:
+        first = error.errors()[0]
+        raise UsageError(f"{first['loc'][0]} = {first['input']!r}: {first['msg']}") from error
+    found = []
+    for number in range(1, made.recordings + 1):
+        folder = _private_folder()
         data = Path(folder.name) / "recordings"
         data.mkdir()
-        synthetic.write_recording(data, number, seconds, seed, settings=recorder or RecorderSettings())
+        synthetic.write_recording(data, number, made.seconds, made.seed, settings=made.recorder)
         found.append(_read(data, number, settings, folder))
     return found
 

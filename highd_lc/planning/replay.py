@@ -66,7 +66,7 @@ class Entry:
     target_v: FloatArray
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)  # one is the same as itself alone, and so can be looked up
 class Replay:
     """What happens: the AV's motion, the followers' x (box centre) [m], v [m/s] and commanded a [m/s^2] of shape
     (p, N + 1), and for each obstacle (order of ``scene.obstacle_roles``) the smallest clearance [m] over

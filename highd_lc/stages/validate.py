@@ -247,20 +247,20 @@ class Scores:
 
     problem: PlanningProblem
     unchanged: Plan
-    found: dict[int, CumulativeLosses] = field(default_factory=dict)
-    safe: dict[tuple[int, int], dict[str, float]] = field(default_factory=dict)
+    found: dict[Replay, CumulativeLosses] = field(default_factory=dict)
+    safe: dict[tuple[Replay, int], dict[str, float]] = field(default_factory=dict)
 
     def losses(self, replay: Replay) -> CumulativeLosses:
         """Cumulative losses of a replay."""
-        if id(replay) not in self.found:
+        if replay not in self.found:
             terms, loss = self.problem.terms, self.problem.settings.loss
-            self.found[id(replay)] = charges.cumulative_losses(replay, terms, loss, self.problem.scene.dt)
-        return self.found[id(replay)]
+            self.found[replay] = charges.cumulative_losses(replay, terms, loss, self.problem.scene.dt)
+        return self.found[replay]
 
     def safety(self, plan: Plan, last: int) -> dict[str, float]:
         """Safety of a plan's replay up to sample ``last``."""
         assert plan.replay is not None
-        key = id(plan.replay), last
+        key = plan.replay, last
         if key not in self.safe:
             lane = pairs(plan.replay, self.problem.packed, joins=plan.policy != names.NO_LANE_CHANGE)
             self.safe[key] = charges.safety(lane, last)

@@ -1,6 +1,7 @@
 """Recordings, events and fits through the door are those of the commands."""
 
 import gc
+import tempfile
 
 import numpy as np
 import pandas as pd
@@ -57,10 +58,17 @@ def test_fits_are_those_of_a_run(read, pipeline_run):
     assert fitted
 
 
+def driver_of(row):
+    """A run's driver of a follower, be it a pool's, as a fit."""
+    driver = lc.LcmParameters(*(row[name] for name in ("v_desire", "A", "b", "B", "tau", "L")))
+    return lc.DriverFit(driver, row["leader_length_m"], None, (), row["spread"], 0.0, 0, row["status"], "")
+
+
 def test_plans_losses_and_tracking_are_those_of_a_run(read, pipeline_run):
-    fits = {event.event_id: lc.fit_drivers(event) for event in lc.lane_changes(read)}
-    event = next(e for e in lc.lane_changes(read) if all(fit.status == "fitted" for fit in fits[e.event_id]))
-    scene = event.scene(drivers=fits[event.event_id])
+    event = max(lc.lane_changes(read), key=lambda one: len(one.followers))
+    theirs = artefacts.read(pipeline_run.work, "followers", recording=1).to_dict("records")
+    drivers = [driver_of(row) for row in theirs if row["event_id"] == event.event_id]
+    scene = event.scene(drivers=drivers)
     tables = {
         name: rows[rows["event_id"] == event.event_id]
         for name in ("plans", "losses", "tracking")
@@ -98,6 +106,20 @@ def test_a_recordings_folder_goes_with_it():
     assert isinstance(lc.lane_changes(again), list)
 
 
+def test_without_a_place_for_the_folder_one_line_says_so(tmp_path, monkeypatch, pipeline_run):
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "nowhere"))
+    with pytest.raises(lc.HighdLcError, match="TMPDIR") as caught:
+        lc.read_recording(pipeline_run.data, 1)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_pipeline_names_the_recorder_and_the_settings():
+    made = lc.synthesize(seconds=10, pipeline="recorder_idm")[0]
+    assert made.settings.synthetic.recorder.drivers == "idm"
+    default = lc.synthesize(seconds=10)[0]
+    assert not made.tracks.equals(default.tracks)
+
+
 def test_recordings_differ_and_the_same_seed_repeats():
     one, two = lc.synthesize(recordings=2, seconds=20, seed=6)
     again = lc.synthesize(seconds=20, seed=6)[0]
@@ -115,6 +137,8 @@ def test_recordings_differ_and_the_same_seed_repeats():
         (lambda data: lc.synthesize(recordings=0), lc.UsageError, "recordings = 0"),
         (lambda data: lc.synthesize(seconds=-1.0), lc.UsageError, "seconds = -1"),
         (lambda data: lc.synthesize(seconds=float("nan")), lc.UsageError, "seconds = nan"),
+        (lambda data: lc.synthesize(seconds=float("inf")), lc.UsageError, "seconds = inf"),
+        (lambda data: lc.synthesize(seed=-1), lc.UsageError, "seed = -1"),
     ],
 )
 def test_errors_are_named_and_have_one_line(pipeline_run, call, error, words):
