@@ -40,13 +40,3 @@ def idm_acceleration(v: float, gap: float, v_leader: float, driver: IdmParameter
     speed = v / driver.v_desire
     wanted: float = driver.A * (1.0 - speed * speed * speed * speed - closeness * closeness)
     return max(wanted, -driver.hardest)
-
-
-def equilibrium_gap(v: float, driver: IdmParameters) -> float:
-    """Gap [m] at which a follower and its leader both drive at v [m/s]: (s0 + v T) / sqrt(1 - (v/v_desire)^4).
-
-    NaN from v_desire on: no equilibrium exists there.
-    """
-    if v >= driver.v_desire:
-        return float("nan")
-    return float((driver.s0 + v * driver.T) / np.sqrt(1.0 - (v / driver.v_desire) ** 4))

@@ -67,16 +67,6 @@ def scene_makers(tables: SceneTables, settings: ValidateSettings) -> Iterator[tu
         yield event.event_id, partial(_scene, event, tables, settings)
 
 
-def load_scene(work: Path, event_id: str, settings: ValidateSettings) -> Scene:
-    """The scene of one event. Raises KeyError if there is no such event."""
-    recording = int(event_id.split("-")[0])
-    tables = read_scene_tables(work, recording, settings.planner)
-    chosen = tables.events[tables.events["event_id"] == event_id]
-    if chosen.empty:
-        raise KeyError(event_id)
-    return _scene(next(chosen.itertuples()), tables, settings)
-
-
 def read_scene_tables(
     work: Path, recording: int, settings: PlannerSettings, *, fits: pd.DataFrame | None = None
 ) -> SceneTables:
