@@ -1,5 +1,7 @@
 """The global search: time an event, and the same search with its candidates simulated by numpy, as a ratio.
 
+Then the candidates alone: followers that react in every way that there is, against bare ones, turn by turn.
+
     python benchmarks/bench_planner.py [EVENTS]
 
 Random lane changes; every search serves both weights of the AV under all three accountings. CPU time of one core.
@@ -15,14 +17,17 @@ from unittest import mock
 import numpy as np
 
 from highd_lc.planning import pool as pool_module
+from highd_lc.planning.candidates import evaluate
 from highd_lc.planning.pool import Pool, Task
 from highd_lc.planning.search import search
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "made"))
 import planner_twin
-from random_scenes import GOALS, random_scene, task_of
+from random_scenes import GOALS, random_scene, reacting, task_of
 
 EVENTS, TWINS = 40, 3
+SCENES, ROUNDS, CANDIDATES, ASKED = 8, 40, 96, 1.15
+DURATIONS = np.arange(30, 101, 5)
 
 
 def fixed(task: Task) -> Pool:
@@ -46,6 +51,29 @@ def mean_ms(work: Callable[[Task], Pool], tasks: list[Task]) -> float:
     return 1e3 * (time.process_time() - started) / len(tasks)
 
 
+def candidate_us(task: Task) -> float:
+    """CPU time of a candidate [us]: plans that keep a positive speed, of every half second's duration."""
+    rng, T = np.random.default_rng(0), DURATIONS[:, None] * 0.1
+    change = rng.uniform(-3.0, 3.0, (len(DURATIONS), CANDIDATES))
+    delta = change * T / 2.0 + rng.uniform(-0.25, 0.25, change.shape) * T**2
+    started = time.process_time()
+    evaluate(DURATIONS, delta, change, task.scene, task.terms)
+    return 1e6 * (time.process_time() - started) / change.size
+
+
+def compare_reactions() -> None:
+    """The same scenes with bare followers and with followers that react, turn by turn; medians over the turns."""
+    generators = [np.random.default_rng(s) for s in range(SCENES)]
+    scenes = [random_scene(rng, 3) for rng in generators]
+    bare = [task_of(scene) for scene in scenes]
+    full = [task_of(reacting(scene, rng, moment=0.5)) for scene, rng in zip(scenes, generators, strict=True)]
+    turns = [[sum(map(candidate_us, tasks)) / SCENES for tasks in (bare, full)] for _ in range(ROUNDS)]
+    one, other = np.median(turns, axis=0)
+    ratio = float(np.median([b / a for a, b in turns]))
+    print(f"a candidate, p = 3: {one:.2f} us; {other:.2f} us where followers react in every way,")
+    print(f"{ratio:.2f} x as much (asked: {ASKED})")
+
+
 def main() -> None:
     """Time every form, then the first events once more with numpy."""
     events = int(sys.argv[1]) if len(sys.argv) > 1 else EVENTS
@@ -64,6 +92,7 @@ def main() -> None:
         with mock.patch.object(pool_module, "evaluate", planner_twin.evaluate):
             twin = mean_ms(work, some)
         print(f"{name:<20}{ours:7.1f} ms an event (asked: {wanted}); with numpy {twin / same:5.0f} x the time")
+    compare_reactions()
 
 
 if __name__ == "__main__":

@@ -73,7 +73,7 @@ def _go(stage: str | None, settings: Settings, options: Options, *, browser: boo
         _list([problem for problem in outcome.problems if problem.message not in str(error)])
         raise
     _print_confirmed(outcome)
-    _print_results(list(outcome.counts)[-1], options)
+    _print_results(list(outcome.counts)[-1], options, settings.validation.follower_models[0])
     if browser:
         typer.launch(str(_page(options)))
     _end_with_problems(outcome)
@@ -93,7 +93,7 @@ def _print_confirmed(outcome: Outcome) -> None:
         console.print(f"{text} ({confirmed / n_events:.1%})", soft_wrap=True, highlight=False)
 
 
-def _print_results(stage: str, options: Options) -> None:
+def _print_results(stage: str, options: Options, model: str) -> None:
     from highd_lc.io import artefacts
     from highd_lc.reporting.terminal import lcm_table, matrix_table, prediction_table
     from highd_lc.stages.overview_pages import followers_believed, missing_pages
@@ -103,7 +103,7 @@ def _print_results(stage: str, options: Options) -> None:
         if not missing_pages(options.work):
             console.print(prediction_table(artefacts.read(options.work, "prediction_summary")))
     if stage in ("validate", "report"):
-        console.print(*followers_believed(options.work), sep="\n", markup=False, highlight=False)
+        console.print(*followers_believed(options.work, model), sep="\n", markup=False, highlight=False)
         console.print(matrix_table(artefacts.read(options.work, "validation_matrix")))
     if stage == "report":
         console.print(f"report: {_page(options)}", soft_wrap=True)

@@ -123,7 +123,12 @@ class _Pages(Stage):
     def request(self, settings: Settings, options: Options) -> ReportRequest | None:
         o = options
         wanted: ReportRequest = self.module.choose(
-            o.work, settings.report, reports=o.reports, events=o.events, vector=o.vector
+            o.work,
+            settings.report,
+            reports=o.reports,
+            events=o.events,
+            vector=o.vector,
+            model=settings.validation.follower_models[0],
         )
         return wanted
 

@@ -4,6 +4,14 @@
 
 Everybody moves on the states of the same instant. A model alone asks for any braking when the spacing vanishes:
 the LCM for up to exp(40) m/s^2. ``hardest`` [m/s^2, positive] is what the road gives; infinite = unbounded.
+
+A follower behind a lane change is more than its family's command (equations.md 3.10):
+
+    a = m a_0 + (1 - m) (command(v, spacing + credit, v_leader + credit) + drift),   m = exp(-t / memory)
+
+no weaker than the situation demands once that passes ``need``, then bounded. A follower credits the jump at its
+change of leader to itself and lets that fade. Where kernels inline the parts, the family is a constant: a bare
+driver costs no more than its model.
 """
 
 from typing import Final
@@ -12,13 +20,20 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from highd_lc.core.idm import IdmParameters, idm_acceleration
-from highd_lc.core.lcm import lcm_acceleration
+from highd_lc.core.idm import idm_command
+from highd_lc.core.lcm import desired_spacing, lcm_acceleration
 
 FloatArray = NDArray[np.float64]
 
+NO_COMMAND, LCM, IDM = range(3)
+"""Families of the command, by their place in ``vocab.names.FAMILIES``. An IDM has its time gap and its gap at
+standstill where the LCM has tau and L.
+"""
 UNBOUNDED: Final = float("inf")
 """The hardest braking of followers whose braking nothing bounds."""
+_LARGEST_JUMP = 2.0
+_SMALLEST_GAP = 0.1
+_RESERVE = 1.0  # who brakes in need wants to stop this far behind [m]
 
 
 def hardest_braking(b_max: float) -> float:
@@ -80,14 +95,110 @@ def lcm_step(
     return a, later, faster
 
 
-@njit(inline="always")
-def idm_step(
-    x: float, v: float, leader_rear: float, v_leader: float, driver: IdmParameters, hardest: float, dt: float
-) -> tuple[float, float, float]:
-    """The step of an IDM driver: as ``lcm_step``, behind the rear bumper of its leader [m]."""
-    a = bounded(idm_acceleration(v, leader_rear - x, v_leader, driver), hardest)
-    later, faster = advance(x, v, a, dt)
-    return a, later, faster
+@njit(inline="always", fastmath={"contract"})
+def family_command(
+    family: int,
+    v: float,
+    spacing: float,
+    v_leader: float,
+    leader_length: float,
+    v_desire: float,
+    A: float,
+    b: float,
+    B: float,
+    tau: float,
+    L: float,
+) -> float:
+    """The command of a family [m/s^2], not bounded: ``NO_COMMAND`` asks for nothing."""
+    if family == LCM:
+        return lcm_acceleration(v, spacing, v_leader, v_desire, A, b, B, tau, L)
+    if family == IDM:
+        return idm_command(v, spacing - leader_length, v_leader, v_desire, A, b, tau, L)
+    return 0.0
+
+
+@njit(inline="always", fastmath={"contract"})
+def remembered(t: float, memory: float) -> float:
+    """Share m of the acceleration at t_start that persists t [s] later. memory: time constant [s], 0 = none."""
+    return np.exp(-t / memory) if memory > 0.0 else 0.0
+
+
+@njit(inline="always", fastmath={"contract"})
+def credited(t: float, relaxation: float) -> float:
+    """Share of the jump that is credited t [s] after the change of leader, 0 before it.
+
+    relaxation: time in which it fades [s], 0 = none.
+    """
+    return max(1.0 - t / relaxation, 0.0) if relaxation > 0.0 and t >= 0.0 else 0.0
+
+
+@njit(inline="always", fastmath={"contract"})
+def intended(a: float, a_0: float, m: float, drift: float) -> float:
+    """A command a [m/s^2] mixed with the acceleration a_0 that persists with share m; drift: of the road."""
+    return m * a_0 + (1.0 - m) * (a + drift)
+
+
+@njit(inline="always", fastmath={"contract"})
+def in_need(a: float, gap: float, closing: float, need: float) -> float:
+    """A command a [m/s^2] no weaker than stopping a metre behind the leader requires, where that exceeds need.
+
+    gap: bumper to bumper [m]; what is left of it counts as 0.1 m at least; closing: speed over the leader's [m/s].
+    """
+    towards = max(closing, 0.0)
+    required = towards * towards / (2.0 * max(gap - _RESERVE, _SMALLEST_GAP))
+    return min(a, -required) if required > need else a
+
+
+@njit(inline="always", fastmath={"contract"})
+def follower_command(
+    family: int,
+    v: float,
+    spacing: float,
+    v_leader: float,
+    leader_length: float,
+    v_desire: float,
+    A: float,
+    b: float,
+    B: float,
+    tau: float,
+    L: float,
+    credit: float,
+    v_credit: float,
+    m: float,
+    a_0: float,
+    drift: float,
+    need: float,
+    hardest: float,
+) -> float:
+    """What a follower commands [m/s^2]. credit [m], v_credit [m/s]: what is left of its jump (``jump``)."""
+    seen, v_seen = spacing + credit, max(v_leader + v_credit, 0.0)
+    a = family_command(family, v, seen, v_seen, leader_length, v_desire, A, b, B, tau, L)
+    a = in_need(intended(a, a_0, m, drift), spacing - leader_length, v - v_leader, need)
+    return bounded(a, hardest)
+
+
+@njit(inline="always", fastmath={"contract"})
+def jump(
+    family: int,
+    v: float,
+    spacing: float,
+    v_leader: float,
+    old_spacing: float,
+    v_old_leader: float,
+    b: float,
+    B: float,
+    tau: float,
+    L: float,
+) -> tuple[float, float]:
+    """What a change of leader takes from a follower's spacing [m] and from its leader's speed [m/s].
+
+    Of the spacing a follower credits no more than it had, and than a multiple of what it desires; without an old
+    leader (old_spacing infinite) what it desires, and no speed.
+    """
+    wanted = desired_spacing(v, v_leader, b, B, tau, L) if family == LCM else L + v * tau
+    alone = old_spacing == np.inf
+    had = wanted if alone else min(old_spacing, _LARGEST_JUMP * wanted)
+    return max(had - spacing, 0.0), 0.0 if alone else v_old_leader - v_leader
 
 
 @njit(cache=True, nogil=True)

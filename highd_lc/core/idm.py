@@ -32,11 +32,20 @@ dry road: the model alone asks for any deceleration when the gap vanishes.
 """
 
 
+@njit(inline="always", fastmath={"contract"})
+def idm_command(
+    v: float, gap: float, v_leader: float, v_desire: float, A: float, b: float, T: float, s0: float
+) -> float:
+    """What the IDM alone asks for [m/s^2]. v, v_leader in m/s; gap in m, counted as 0.1 m where it is smaller."""
+    wanted = s0 + max(0.0, v * T + v * (v - v_leader) / (2.0 * np.sqrt(A * b)))
+    closeness = wanted / max(gap, _SMALLEST_GAP)
+    speed = v / v_desire
+    a: float = A * (1.0 - speed * speed * speed * speed - closeness * closeness)
+    return a
+
+
 @njit(inline="always")
 def idm_acceleration(v: float, gap: float, v_leader: float, driver: IdmParameters) -> float:
-    """Acceleration [m/s^2] of the IDM. v, v_leader in m/s; gap in m, counted as 0.1 m where it is smaller."""
-    dynamic = v * driver.T + v * (v - v_leader) / (2.0 * np.sqrt(driver.A * driver.b))
-    closeness = (driver.s0 + max(0.0, dynamic)) / max(gap, _SMALLEST_GAP)
-    speed = v / driver.v_desire
-    wanted: float = driver.A * (1.0 - speed * speed * speed * speed - closeness * closeness)
+    """Acceleration [m/s^2] of a driver by the IDM, its hardest braking at most. v, v_leader in m/s; gap in m."""
+    wanted: float = idm_command(v, gap, v_leader, driver.v_desire, driver.A, driver.b, driver.T, driver.s0)
     return max(wanted, -driver.hardest)

@@ -25,6 +25,8 @@ Real = TypeVar("Real", float, FloatArray)
 PEAK_AY = 10.0 / math.sqrt(3.0)
 END_JY = 60.0
 """Peaks of |yddot| T^2/D and |ydddot| T^3/D of y = D z."""
+SHARE_TOLERANCE = 1e-9
+"""A share of the lateral way counts as made from this much below it on."""
 
 
 @dataclass(frozen=True)
@@ -60,6 +62,20 @@ class Samples:
 def z_shape(u: Real) -> Real:
     """z(u) = 6u^5 - 15u^4 + 10u^3: from 0 to 1 with no speed or acceleration at either end."""
     return u * u * u * (10.0 + u * (6.0 * u - 15.0))
+
+
+@njit(cache=True, nogil=True)
+def first_past(share: float, n: int) -> int:
+    """First of the samples 0 .. n at which a plan has made that share of its lateral way: z(k / n) >= share.
+
+    Half of the way is the crossing, n // 2 by convention also where n is odd.
+    """
+    if share == 0.5:
+        return n // 2
+    k = 0
+    while k < n and z_shape(k / n) < share - SHARE_TOLERANCE:
+        k += 1
+    return k
 
 
 @register_jitable

@@ -2,7 +2,7 @@
 
 A control is a vehicle that keeps its lane and its leader from half a second before its start to the horizon. It is
 matched to a follower by class, carriageway and lane, and by speed, acceleration, spacing and closing speed within
-calipers; the nearest few count (equations.md 3).
+calipers; the nearest few count (equations.md 3.12).
 """
 
 from dataclasses import dataclass

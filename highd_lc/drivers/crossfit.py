@@ -1,4 +1,4 @@
-"""Cross-fitting: the constants for a recording's followers come from other recordings (equations.md 3).
+"""Cross-fitting: the constants for a recording's followers come from other recordings (equations.md 3.12).
 
 Where locations can be left out as well, a fold is a location; else a recording, or a few of them. With fewer
 than ``LEAST_RECORDINGS`` recordings a fold is a block of time of one recording, and responses within a minute of

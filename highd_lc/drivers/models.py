@@ -1,4 +1,4 @@
-"""Follower models by name: how each drives the followers of recorded responses (equations.md 3).
+"""Follower models by name: how each drives the followers of recorded responses (equations.md 3.11).
 
 A name is a base and parts: ``own_fit@crossing+memory+relaxation``. ``@start``, ``@crossing`` or ``@0.3``: from
 which share of the lateral way the lane changer is the leader; ``+memory``, ``+relaxation``: with the constants of

@@ -57,7 +57,7 @@ CONSTANTS: Final = (
     ),
     Constant("relaxation", 0.0, 30.0, 0.0, 5.0, "s", "time in which the jump at a change of leader fades"),
 )
-"""The prior's centres are the constants found on seven real recordings (equations.md 3)."""
+"""The prior's centres are the constants found on seven real recordings (equations.md 3.12)."""
 
 NAMES: Final = tuple(c.name for c in CONSTANTS)
 _LOW, _HIGH = np.array([c.low for c in CONSTANTS]), np.array([c.high for c in CONSTANTS])

@@ -1,6 +1,6 @@
 """Responses: recorded followers behind a lane changer, and the same followers simulated by a follower model.
 
-Every model is one equation with constants of its own for each follower (equations.md 3):
+Every model is one equation with constants of its own for each follower (equations.md 3.10):
 
     a = m a_0 + (1 - m) (command(v, s, v_leader) + drift),   m = exp(-t / memory)
 
@@ -16,8 +16,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from highd_lc.core.drive import advance, follower_command, jump
 from highd_lc.core.kernels import UNALIASED
-from highd_lc.core.lcm import desired_spacing, lcm_acceleration
 from highd_lc.vocab import names
 
 FloatArray = NDArray[np.float64]
@@ -31,9 +31,6 @@ HORIZON: Final = 8.0
 SAMPLES: Final = round(HORIZON / TIME_STEP) + 1
 NO_LEADER: Final = 1e9
 """Front of a leader that does not exist [m]."""
-
-_RESERVE = 1.0  # who brakes in need wants to stop this far behind [m]
-_LARGEST_JUMP = 2.0  # the follower credits a cut-in with at most this multiple of its desired spacing
 
 
 class Behaviours(NamedTuple):
@@ -142,40 +139,6 @@ class _Ahead(NamedTuple):
     before_v: FloatArray
 
 
-@njit(inline="always", fastmath={"contract"})
-def _command(
-    family: int, v: float, s: float, v_leader: float, length: float, vd: float, A: float, b: float, B: float,
-    tau: float, L: float,
-) -> float:  # fmt: skip
-    """The bare command of a family [m/s^2]; s: spacing [m]."""
-    if family == 1:
-        return lcm_acceleration(v, s, v_leader, vd, A, b, B, tau, L)
-    if family == 2:
-        wanted = L + max(0.0, v * tau + v * (v - v_leader) / (2.0 * np.sqrt(A * b)))
-        closeness, speed = wanted / max(s - length, 0.1), v / vd
-        wished: float = A * (1.0 - speed * speed * speed * speed - closeness * closeness)
-        return wished
-    return 0.0
-
-
-@njit(cache=True, nogil=True)
-def _jump(
-    family: int, r: int, x: float, v: float, p: Behaviours, now: tuple[float, float], before: tuple[float, float]
-) -> tuple[float, float]:
-    """What a change of leader takes from the spacing [m] and from the leader's speed [m/s], both credited back.
-
-    now, before: front and speed of the new and the old leader. A follower credits no more spacing than it had and
-    no more than a multiple of what it desires, and without an old leader no more than that.
-    """
-    wanted = p.L[r] + v * p.tau[r]
-    if family == 1:
-        wanted = desired_spacing(v, now[1], p.b[r], p.B[r], p.tau[r], p.L[r])
-    had, speed = wanted, 0.0
-    if before[0] < NO_LEADER / 2.0:
-        had, speed = min(before[0] - x, _LARGEST_JUMP * wanted), before[1] - now[1]
-    return max(had - (now[0] - x), 0.0), speed
-
-
 @njit(cache=True, nogil=True, fastmath={"contract"}, error_model="numpy", **UNALIASED)
 def _simulate(
     family: int, p: Behaviours, joins: IntArray, ahead: _Ahead, x0: FloatArray, v0: FloatArray, hardest: float,
@@ -197,22 +160,18 @@ def _simulate(
     for k in range(samples):
         for r in range(count):
             if k == joins[r] and p.relaxation[r] > 0.0:
-                now = ahead.x[k, r], ahead.v[k, r]
-                before = ahead.before_x[k, r], ahead.before_v[k, r]
-                jump_s[r], jump_v[r] = _jump(family, r, x[r], v[r], p, now, before)
+                before = ahead.before_x[k, r] - x[r] if ahead.before_x[k, r] < NO_LEADER / 2.0 else np.inf
+                jump_s[r], jump_v[r] = jump(
+                    family, v[r], ahead.x[k, r] - x[r], ahead.v[k, r], before, ahead.before_v[k, r], p.b[r],
+                    p.B[r], p.tau[r], p.L[r],
+                )  # fmt: skip
         for r in range(count):
             fading = max(1.0 - (k - joins[r]) * fades[r], 0.0)
-            L = p.L[r] if k >= joins[r] else p.L_before[r]
-            s, v_leader, length = ahead.x[k, r] - x[r], ahead.v[k, r], ahead.length[k, r]
-            a = _command(
-                family, v[r], s + fading * jump_s[r], max(v_leader + fading * jump_v[r], 0.0), length,
-                p.v_desire[r], p.A[r], p.b[r], p.B[r], p.tau[r], L,
+            a = follower_command(
+                family, v[r], ahead.x[k, r] - x[r], ahead.v[k, r], ahead.length[k, r], p.v_desire[r], p.A[r],
+                p.b[r], p.B[r], p.tau[r], p.L[r] if k >= joins[r] else p.L_before[r], fading * jump_s[r],
+                fading * jump_v[r], m[r], p.a_0[r], p.drift[r], p.need[r], hardest,
             )  # fmt: skip
-            a = m[r] * p.a_0[r] + (1.0 - m[r]) * (a + p.drift[r])
-            closing = max(v[r] - v_leader, 0.0)
-            required = closing * closing / (2.0 * max(s - length - _RESERVE, 0.1))
-            a = max(min(a, -required if required > p.need[r] else a), -hardest)
             out.x[k, r], out.v[k, r], out.a[k, r] = x[r], v[r], a
-            v[r] = max(v[r] + a * 0.1, 0.0)
-            x[r] += v[r] * 0.1
+            x[r], v[r] = advance(x[r], v[r], a, 0.1)
             m[r] *= kept[r]

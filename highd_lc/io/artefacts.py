@@ -1,8 +1,8 @@
 """Artefacts: parquet tables with a checked schema and their provenance, written atomically.
 
-Layout below the work folder: ``<table>.parquet`` for finished artefacts, ``tracks/recording=NN/`` for the one
-table that is too large to combine, and ``parts/<stage>/<NN>/<table>.parquet`` for what a stage made of one
-recording. A finished artefact holds one row group a recording, so that a recording is read alone.
+Layout below the work folder: ``<table>.parquet`` for finished artefacts, ``<table>/recording=NN/`` for the two
+that are too large to combine (tracks, trajectories), and ``parts/<stage>/<NN>/<table>.parquet`` for what a stage
+made of one recording. A finished artefact holds one row group a recording, so that a recording is read alone.
 
 Value checks of artefacts in words, by pandera, built from the column list of vocab.tables.
 
@@ -159,7 +159,7 @@ _ARROW = {
 # statistics, which their columns of measured values gain little from; recording_id keeps its statistics, by
 # which a recording's row group is found.
 _SMALL = {"compression": "zstd", "compression_level": 1}
-_LARGE_TABLES = ("tracks", "event_tracks")
+_LARGE_TABLES = ("tracks", "event_tracks", "trajectories")
 
 
 def _parquet_options(name: str) -> dict[str, Any]:
@@ -169,7 +169,7 @@ def _parquet_options(name: str) -> dict[str, Any]:
     return {
         "compression": "lz4",
         "use_dictionary": words or False,
-        "write_statistics": ["recording_id"],
+        "write_statistics": [c for c in ("recording_id", "event_id") if c == TABLES[name].order[0]],
         "write_batch_size": 1 << 17,
     }
 
@@ -198,9 +198,9 @@ def part_folder(work: Path, stage: str, recording: int) -> Path:
     return work / "parts" / stage / f"{recording:02d}"
 
 
-def tracks_folder(work: Path, recording: int) -> Path:
-    """Folder of a recording's tracks."""
-    return work / "tracks" / f"recording={recording:02d}"
+def partition(work: Path, name: str, recording: int) -> Path:
+    """A recording's file of an artefact that stays divided (see ``vocab.tables.PARTITIONED``)."""
+    return work / name / f"recording={recording:02d}" / "part-0.parquet"
 
 
 def to_arrow(name: str, frame: pd.DataFrame, provenance: Provenance) -> pa.Table:
@@ -268,10 +268,15 @@ def concatenate(work: Path, stage: str, name: str, recordings: Iterable[int], pr
 
 def write_groups(work: Path, name: str, groups: Iterable[pa.Table], provenance: Provenance) -> int:
     """Write a finished artefact from its row groups, one at a time. Returns the number of rows."""
+    return write_file(path_of(work, name), name, groups, provenance)
+
+
+def write_file(path: Path, name: str, groups: Iterable[pa.Table], provenance: Provenance) -> int:
+    """Write an artefact's file from its row groups, one at a time. Returns the number of rows."""
     schema = arrow_schema(name).with_metadata(_about(provenance))
     rows = 0
     with (
-        atomic.replacing(path_of(work, name)) as sink,
+        atomic.replacing(path) as sink,
         pq.ParquetWriter(sink, schema, **_parquet_options(name)) as writer,
     ):
         for group in groups:
@@ -298,7 +303,19 @@ def read(
 
 def read_tracks(work: Path, recording: int, *, columns: list[str] | None = None) -> pd.DataFrame:
     """Read the tracks of one recording."""
-    return read_file(tracks_folder(work, recording) / "part-0.parquet", "tracks", columns=columns)
+    return read_partition(work, "tracks", recording, columns=columns)
+
+
+def read_partition(
+    work: Path,
+    name: str,
+    recording: int,
+    *,
+    columns: list[str] | None = None,
+    where: Sequence[Condition] = (),
+) -> pd.DataFrame:
+    """Read one recording of an artefact that stays divided (see ``vocab.tables.PARTITIONED``, ``read``)."""
+    return read_file(partition(work, name, recording), name, columns=columns, where=where)
 
 
 def read_part(

@@ -224,7 +224,7 @@ class TrackArrays:
 
 def path_of(work: Path, recording: int) -> Path:
     """The file of a recording's tracks."""
-    return artefacts.tracks_folder(work, recording) / "part-0.parquet"
+    return artefacts.partition(work, "tracks", recording)
 
 
 def write(work: Path, recording: Recording, provenance: Provenance) -> int:

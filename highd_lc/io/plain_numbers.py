@@ -108,7 +108,7 @@ def _read_chunks(
     with open_bytes(path) as file:
         file.readline()
         while got := file.readinto(buffer.data[kept:_CHUNK]):
-            filled = kept + got
+            filled = int(kept) + int(got)
             first = -(-row // EVERY)
             row, used = _parse(buffer, words, filled, kinds, runs, limits, integers, floats, row, _POWERS, lines)
             if used <= 0:

@@ -27,6 +27,7 @@ from highd_lc.io.atomic import Written
 from highd_lc.io.settings import digest
 from highd_lc.vocab.errors import InputError, StorageError, UsageError
 from highd_lc.vocab.job import JobReport, Problem
+from highd_lc.vocab.tables import PARTITIONED
 
 
 @cache
@@ -86,9 +87,10 @@ def _lock(handle: TextIO, folder: Path, role: str) -> None:
 def drop_other_recordings(work: Path, recordings: Iterable[int]) -> None:
     """Remove what was made of recordings that are no longer among the inputs."""
     kept = {f"{recording:02d}" for recording in recordings}
-    for folder in (work / "tracks").glob("recording=*"):
-        if folder.name.removeprefix("recording=") not in kept:
-            _remove_folder(folder)
+    for name in PARTITIONED.values():
+        for folder in (work / name).glob("recording=*"):
+            if folder.name.removeprefix("recording=") not in kept:
+                _remove_folder(folder)
     for part in (work / "parts").glob("*/*"):
         if part.name.removesuffix(".json") not in kept:
             _remove_folder(part) if part.is_dir() else part.unlink()
@@ -100,8 +102,8 @@ def drop_recording(work: Path, recording: int, stages: Iterable[str]) -> None:
     for stage in stages:
         (work / "parts" / stage / f"{name}.json").unlink(missing_ok=True)
         _remove_folder(work / "parts" / stage / name)
-        if stage == "ingest":
-            _remove_folder(work / "tracks" / f"recording={name}")
+        if stage in PARTITIONED:
+            _remove_folder(work / PARTITIONED[stage] / f"recording={name}")
 
 
 def _remove_folder(folder: Path) -> None:

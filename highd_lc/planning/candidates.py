@@ -5,34 +5,49 @@ axis, so that LLVM vectorises the LCM. Everything that all candidates of a row s
 the lateral separation from everybody) is computed once per sample.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from highd_lc.core.drive import advance, lcm_command, lcm_step
+from highd_lc.core.drive import (
+    IDM,
+    LCM,
+    NO_COMMAND,
+    UNBOUNDED,
+    advance,
+    bounded,
+    credited,
+    family_command,
+    follower_command,
+    jump,
+    lcm_command,
+    remembered,
+)
 from highd_lc.core.kernels import UNALIASED
-from highd_lc.core.quintic import q_rate, q_shape, q_third, z_rate, z_shape, z_third
+from highd_lc.core.quintic import first_past, q_rate, q_shape, q_third, z_rate, z_shape, z_third
 from highd_lc.planning.contacts import (
     CHANGE,
     COMMAND,
     DELTA,
     FRONT,
-    LANES,
+    JUMP,
     NEAREST,
     NO_CONTACT,
     SPEED,
     STATE_ROWS,
     TO_H,
     TO_T,
+    V_JUMP,
+    WIDTH,
     drive_through,
     lateral_motion,
     meet_follower,
     meet_leaders,
     meet_origin_follower,
 )
-from highd_lc.planning.scene import PackedScene, Scene
+from highd_lc.planning.scene import MOMENT, PackedScene, Scene
 from highd_lc.vocab.settings import LossSettings
 
 FloatArray = NDArray[np.float64]
@@ -112,50 +127,51 @@ def evaluate_into(
     """Fill the outcomes of candidates (see ``evaluate``)."""
     samples, leaders = len(scene.target_v), len(scene.leader_a)
     roles = leaders + len(scene.follower_x) + (1 if len(scene.origin_follower) else 0)
-    av_front, av_v = np.empty(samples * LANES), np.empty(samples * LANES)
-    ahead_front, ahead_v = np.empty(samples * LANES), np.empty(samples * LANES)
-    state = np.empty(STATE_ROWS * LANES)
+    av_front, av_v = np.empty(samples * WIDTH), np.empty(samples * WIDTH)
+    ahead, own, ahead_v = np.empty(samples * WIDTH), np.empty(samples * WIDTH), np.empty(samples * WIDTH)
+    state = np.empty(STATE_ROWS * WIDTH)
     y, vy, reach = np.empty(samples), np.empty(samples), np.empty(samples)
-    contact, role = np.empty(LANES, np.int64), np.empty(LANES, np.int64)
+    contact, role = np.empty(WIDTH, np.int64), np.empty(WIDTH, np.int64)
     rear = scene.target_front - scene.target_length
     behind_leader = scene.asks_all and np.isfinite(rear[0])
     for row in range(len(n)):
         width = delta.shape[1]
-        for first in range(0, width, LANES):
-            used = min(LANES, width - first)
-            for w in range(LANES):
+        for first in range(0, width, WIDTH):
+            used = min(WIDTH, width - first)
+            for w in range(WIDTH):
                 at = first + min(w, used - 1)
-                state[DELTA * LANES + w], state[CHANGE * LANES + w] = delta[row, at], change[row, at]
+                state[DELTA * WIDTH + w], state[CHANGE * WIDTH + w] = delta[row, at], change[row, at]
                 contact[w], role[w] = NO_CONTACT, -1
             _drive_av(n[row], state, scene, terms, av_front, av_v)
             for w in range(used):
-                out.av_T[row, first + w] = state[TO_T * LANES + w]
-                out.av_H[row, first + w] = state[TO_H * LANES + w]
+                out.av_T[row, first + w] = state[TO_T * WIDTH + w]
+                out.av_H[row, first + w] = state[TO_H * WIDTH + w]
                 out.hv_T[row, first + w], out.hv_H[row, first + w] = 0.0, 0.0
             lateral_motion(n[row], state, scene, y, vy, reach)
             meet_leaders(n[row], scene, av_front, av_v, y, vy, reach, contact, role)
             if behind_leader:
                 drive_through(n[row] // 2, samples, 3 * roles + leaders - 1, rear, state, av_front, contact, role)
-            ahead_front[:], ahead_v[:] = av_front, av_v
-            if scene.from_crossing:
-                for k in range(n[row] // 2):
-                    ahead_front[k * LANES : (k + 1) * LANES] = scene.target_front[k]
-                    ahead_v[k * LANES : (k + 1) * LANES] = scene.target_v[k]
+            insertion = first_past(scene.reactions[0, MOMENT], n[row])
+            ahead[:], ahead_v[:] = av_front, av_v
+            for k in range(insertion):
+                ahead[k * WIDTH : (k + 1) * WIDTH] = scene.target_front[k]
+                ahead_v[k * WIDTH : (k + 1) * WIDTH] = scene.target_v[k]
             for i in range(len(scene.follower_x)):
-                _drive_follower(i, n[row], state, scene, terms, ahead_front, ahead_v)
+                _drive_follower(i, n[row], insertion, state, scene, terms, ahead, ahead_v, own)
                 for w in range(used):
-                    out.hv_T[row, first + w] += terms.weights[i] * state[TO_T * LANES + w]
-                    out.hv_H[row, first + w] += terms.weights[i] * state[TO_H * LANES + w]
+                    out.hv_T[row, first + w] += terms.weights[i] * state[TO_T * WIDTH + w]
+                    out.hv_H[row, first + w] += terms.weights[i] * state[TO_H * WIDTH + w]
                 if scene.asks_all:
                     who = (1 if i else 2) * roles + leaders + i
-                    _meet_ahead(i, who, n[row], state, scene, av_front, av_v, contact, role)
+                    length = scene.follower_length[i - 1] if i else scene.length
+                    since, asked = (0, False) if i else (n[row] // 2, insertion > n[row] // 2)
+                    _meet_ahead(who, since, asked, length, state, ahead if i else av_front, own, contact, role)
                 if behind_leader and i == 0:
-                    drive_through(0, n[row] // 2, roles + leaders, rear, state, ahead_front, contact, role)
-                meet_follower(i, n[row], scene, av_front, av_v, y, vy, reach, ahead_front, contact, role)
+                    drive_through(0, n[row] // 2, roles + leaders, rear, state, own, contact, role)
+                meet_follower(i, n[row], scene, av_front, av_v, y, vy, reach, own, contact, role)
+                ahead, own = own, ahead
             if len(scene.origin_follower):
-                meet_origin_follower(
-                    n[row], state, scene, av_front, av_v, y, vy, reach, ahead_front, contact, role
-                )
+                meet_origin_follower(n[row], state, scene, av_front, av_v, y, vy, reach, own, contact, role)
             for w in range(used):
                 out.contact[row, first + w], out.role[row, first + w] = contact[w], role[w]
 
@@ -175,119 +191,190 @@ def _drive_av(
     v_desire, A, b, B, tau, L = scene.av_parameters
     comfort, efficiency, ref = terms.comfort, terms.efficiency, terms.av_ref
     both_sides = 0.0 if terms.one_sided else 1.0
-    for w in range(LANES):
-        state[TO_T * LANES + w] = 0.0
+    for w in range(WIDTH):
+        state[TO_T * WIDTH + w] = 0.0
     for k in range(n + 1):
         u = k / n
         base, z, q = half + v0 * k * dt, z_shape(u), T * q_shape(u)
         dz, dq = z_rate(u) / T, q_rate(u)
         j_z, j_q = z_third(u) / (T * T * T), q_third(u) / (T * T)
         vy, jy = scene.D * dz, abs(scene.D * j_z)
-        for w in range(LANES):
-            delta, change = state[DELTA * LANES + w], state[CHANGE * LANES + w]
+        for w in range(WIDTH):
+            delta, change = state[DELTA * WIDTH + w], state[CHANGE * WIDTH + w]
             v = v0 + delta * dz + change * dq
-            front[k * LANES + w] = base + delta * z + change * q
-            speed[k * LANES + w] = v
+            front[k * WIDTH + w] = base + delta * z + change * q
+            speed[k * WIDTH + w] = v
             short = ref - np.sqrt(v * v + vy * vy)
             jerk = abs(delta * j_z + change * j_q) + jy
-            state[TO_T * LANES + w] += comfort * jerk + efficiency * max(short, -both_sides * short)
+            state[TO_T * WIDTH + w] += comfort * jerk + efficiency * max(short, -both_sides * short)
     after = 1.0 if scene.after_lcm else 0.0
     # A plan that ends at H has no drive after T, hence no step onto it.
     handover = comfort / dt if scene.counts_handover and n + 1 < len(scene.target_v) else 0.0
-    for w in range(LANES):
-        x, v = front[n * LANES + w], speed[n * LANES + w]
+    for w in range(WIDTH):
+        x, v = front[n * WIDTH + w], speed[n * WIDTH + w]
         a = after * lcm_command(
             v, scene.target_front[n] - x, scene.target_v[n], v_desire, A, b, B, tau, L, hardest
         )
-        state[FRONT * LANES + w], state[SPEED * LANES + w], state[COMMAND * LANES + w] = x, v, a
-        state[TO_H * LANES + w] = state[TO_T * LANES + w] + handover * abs(a)
+        state[FRONT * WIDTH + w], state[SPEED * WIDTH + w], state[COMMAND * WIDTH + w] = x, v, a
+        state[TO_H * WIDTH + w] = state[TO_T * WIDTH + w] + handover * abs(a)
     for k in range(n + 1, len(scene.target_v)):
         target, target_v = scene.target_front[k], scene.target_v[k]
-        for w in range(LANES):
-            before = state[COMMAND * LANES + w]
-            x, v = advance(state[FRONT * LANES + w], state[SPEED * LANES + w], before, dt)
+        for w in range(WIDTH):
+            before = state[COMMAND * WIDTH + w]
+            x, v = advance(state[FRONT * WIDTH + w], state[SPEED * WIDTH + w], before, dt)
             a = after * lcm_command(v, target - x, target_v, v_desire, A, b, B, tau, L, hardest)
             short = ref - v
-            state[TO_H * LANES + w] += comfort * (abs(a - before) / dt) + efficiency * max(
+            state[TO_H * WIDTH + w] += comfort * (abs(a - before) / dt) + efficiency * max(
                 short, -both_sides * short
             )
-            state[FRONT * LANES + w], state[SPEED * LANES + w], state[COMMAND * LANES + w] = x, v, a
-            front[k * LANES + w], speed[k * LANES + w] = x, v
+            state[FRONT * WIDTH + w], state[SPEED * WIDTH + w], state[COMMAND * WIDTH + w] = x, v, a
+            front[k * WIDTH + w], speed[k * WIDTH + w] = x, v
 
 
-@njit(cache=True, nogil=True, fastmath={"contract", "arcp"}, error_model="numpy", **UNALIASED)
-def _drive_follower(
+@njit(inline="always")
+def _drive_all_the_way(
+    family: int,
+    reacts: bool,
     i: int,
     n: int,
+    insertion: int,
     state: FloatArray,
     scene: PackedScene,
     terms: LossTerms,
-    front: FloatArray,
+    ahead: FloatArray,
     speed: FloatArray,
+    own: FloatArray,
 ) -> None:
-    """Follower i behind the motion in front and speed, which its own replaces.
-
-    In the scratch: its losses, and its smallest spacing to whom it follows (to the AV: from the crossing on).
-    """
-    dt, hardest = scene.dt, scene.hardest
+    """See ``_driving``. family, reacts: constants where this is inlined."""
+    dt, hardest, leader_length = scene.dt, scene.hardest, scene.follower_length[i - 1] if i else scene.length
     v_desire, A, b, B, tau, L_replay = scene.parameters[i]
+    _, memory, relaxation, need, a_0, drift, _ = scene.reactions[i]
     comfort, efficiency, ref = terms.comfort, terms.efficiency, terms.hv_ref[i]
     both_sides = 0.0 if terms.one_sided else 1.0
-    insertion = n // 2 if (scene.from_crossing and i == 0) else 0
-    joined = 0 if i else n // 2
-    for w in range(LANES):
-        state[TO_H * LANES + w] = 0.0
-        state[FRONT * LANES + w] = scene.follower_x[i] + scene.follower_length[i] / 2.0
-        state[SPEED * LANES + w] = scene.follower_v[i]
-        state[COMMAND * LANES + w] = 0.0
-        state[NEAREST * LANES + w] = np.inf
+    insertion, joined = (0, 0) if i else (insertion, n // 2)
+    # A product in the place of an exponential a sample, which would cost a tenth of the whole.
+    m, kept = remembered(scene.clock, memory), remembered(dt, memory)
+    for w in range(WIDTH):
+        state[TO_H * WIDTH + w] = 0.0
+        state[FRONT * WIDTH + w] = scene.follower_x[i] + scene.follower_length[i] / 2.0
+        state[SPEED * WIDTH + w] = scene.follower_v[i]
+        state[COMMAND * WIDTH + w] = 0.0
+        state[NEAREST * WIDTH + w] = np.inf
+        state[JUMP * WIDTH + w], state[V_JUMP * WIDTH + w] = 0.0, 0.0
     for k in range(len(scene.target_v)):
-        L = scene.first_L if k < insertion else L_replay
-        counted = comfort / dt if k > 0 else 0.0
+        L, length = (L_replay, leader_length) if k >= insertion else (scene.first_L, scene.target_length)
         if k == joined:
-            state[NEAREST * LANES : (NEAREST + 1) * LANES] = np.inf
-        for w in range(LANES):
-            x, v, ahead = state[FRONT * LANES + w], state[SPEED * LANES + w], front[k * LANES + w]
-            a, later, faster = lcm_step(x, v, ahead, speed[k * LANES + w], v_desire, A, b, B, tau, L, hardest, dt)
+            state[NEAREST * WIDTH : (NEAREST + 1) * WIDTH] = np.inf
+        if reacts and k == insertion and relaxation > 0.0 and i == 0:
+            for w in range(WIDTH):
+                x, v = state[FRONT * WIDTH + w], state[SPEED * WIDTH + w]
+                state[JUMP * WIDTH + w], state[V_JUMP * WIDTH + w] = jump(
+                    family, v, ahead[k * WIDTH + w] - x, speed[k * WIDTH + w],
+                    scene.target_front[k] - x, scene.target_v[k], b, B, tau, L,
+                )  # fmt: skip
+        share = credited((k - insertion) * dt, relaxation) if reacts else 0.0
+        counted = comfort / dt if k > 0 else 0.0
+        for w in range(WIDTH):
+            x, v = state[FRONT * WIDTH + w], state[SPEED * WIDTH + w]
+            spacing, v_leader = ahead[k * WIDTH + w] - x, speed[k * WIDTH + w]
+            if reacts:
+                credit, v_credit = share * state[JUMP * WIDTH + w], share * state[V_JUMP * WIDTH + w]
+                a = follower_command(
+                    family, v, spacing, v_leader, length, v_desire, A, b, B, tau, L,
+                    credit, v_credit, m, a_0, drift, need, hardest,
+                )  # fmt: skip
+            else:
+                a = bounded(
+                    family_command(family, v, spacing, v_leader, length, v_desire, A, b, B, tau, L), hardest
+                )
+            later, faster = advance(x, v, a, dt)
             short = ref - v
-            state[TO_H * LANES + w] += counted * abs(a - state[COMMAND * LANES + w]) + efficiency * max(
+            state[TO_H * WIDTH + w] += counted * abs(a - state[COMMAND * WIDTH + w]) + efficiency * max(
                 short, -both_sides * short
             )
-            state[NEAREST * LANES + w] = min(state[NEAREST * LANES + w], ahead - x)
-            front[k * LANES + w], speed[k * LANES + w] = x, v
-            state[FRONT * LANES + w], state[SPEED * LANES + w], state[COMMAND * LANES + w] = later, faster, a
+            state[NEAREST * WIDTH + w] = min(state[NEAREST * WIDTH + w], spacing)
+            own[k * WIDTH + w], speed[k * WIDTH + w] = x, v
+            state[FRONT * WIDTH + w], state[SPEED * WIDTH + w], state[COMMAND * WIDTH + w] = later, faster, a
+        m *= kept
         if k == n:
-            for w in range(LANES):
-                state[TO_T * LANES + w] = state[TO_H * LANES + w]
+            for w in range(WIDTH):
+                state[TO_T * WIDTH + w] = state[TO_H * WIDTH + w]
+
+
+def _driving(family: int, reacts: bool) -> Any:
+    """The kernel of followers of a family, bare or reacting, with a machine code of its own.
+
+    It fills the fronts of follower i, behind the fronts ahead and their speeds, which its own replace. insertion:
+    sample from which the first one has the AV as leader. In the scratch: its losses, and its smallest spacing to
+    whom it follows (to the AV: from the crossing on).
+    """
+
+    @njit(cache=True, nogil=True, fastmath={"contract", "arcp"}, error_model="numpy", **UNALIASED)
+    def drive(
+        i: int,
+        n: int,
+        insertion: int,
+        state: FloatArray,
+        scene: PackedScene,
+        terms: LossTerms,
+        ahead: FloatArray,
+        speed: FloatArray,
+        own: FloatArray,
+    ) -> None:
+        _drive_all_the_way(family, reacts, i, n, insertion, state, scene, terms, ahead, speed, own)
+
+    return drive
+
+
+_drive_bare_lcm, _drive_lcm = _driving(LCM, False), _driving(LCM, True)
+_drive_idm, _drive_uncommanded = _driving(IDM, True), _driving(NO_COMMAND, True)
+
+
+@njit(cache=True, nogil=True)
+def _drive_follower(
+    i: int,
+    n: int,
+    insertion: int,
+    state: FloatArray,
+    scene: PackedScene,
+    terms: LossTerms,
+    ahead: FloatArray,
+    speed: FloatArray,
+    own: FloatArray,
+) -> None:
+    """Follower i by its family (see ``_driving``)."""
+    family, memory, relaxation, need, _, drift, _ = scene.reactions[i]
+    bare = memory == 0.0 and drift == 0.0 and need == UNBOUNDED and (relaxation == 0.0 or i > 0)
+    if family == LCM and bare:
+        _drive_bare_lcm(i, n, insertion, state, scene, terms, ahead, speed, own)
+    elif family == LCM:
+        _drive_lcm(i, n, insertion, state, scene, terms, ahead, speed, own)
+    elif family == IDM:
+        _drive_idm(i, n, insertion, state, scene, terms, ahead, speed, own)
+    else:
+        _drive_uncommanded(i, n, insertion, state, scene, terms, ahead, speed, own)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _meet_ahead(
-    i: int,
     who: int,
-    n: int,
+    first: int,
+    asked: bool,
+    length: float,
     state: FloatArray,
-    scene: PackedScene,
-    av_front: FloatArray,
-    av_v: FloatArray,
+    ahead: FloatArray,
+    own: FloatArray,
     contact: IntArray,
     role: IntArray,
 ) -> None:
-    """Contacts of follower i with whom it follows: when they begin, found anew for the few candidates with one."""
-    joined, length = (0, scene.follower_length[i - 1]) if i else (n // 2, scene.length)
-    for w in range(LANES):
-        if not state[NEAREST * LANES + w] < length:
+    """Contacts of a follower, from sample ``first`` on, with a vehicle ahead of that length [m].
+
+    asked: whether to look even where the follower came near to nobody whom it follows.
+    """
+    for w in range(WIDTH):
+        if not (asked or state[NEAREST * WIDTH + w] < length):
             continue
-        front, speed = av_front[w::LANES].copy(), av_v[w::LANES].copy()
-        if scene.from_crossing:
-            front[: n // 2], speed[: n // 2] = scene.target_front[: n // 2], scene.target_v[: n // 2]
-        for j in range(i + 1):
-            v_desire, A, b, B, tau, L_replay = scene.parameters[j]
-            x, v = scene.follower_x[j] + scene.follower_length[j] / 2.0, scene.follower_v[j]
-            for k in range(len(front)):
-                if j == i and joined <= k < contact[w] and front[k] - x < length:
-                    contact[w], role[w] = k, who
-                L = scene.first_L if (scene.from_crossing and j == 0 and k < n // 2) else L_replay
-                ahead, ahead_v = front[k], speed[k]
-                front[k], speed[k] = x, v
-                _, x, v = lcm_step(x, v, ahead, ahead_v, v_desire, A, b, B, tau, L, scene.hardest, scene.dt)
+        for k in range(first, min(contact[w], len(own) // WIDTH)):
+            if ahead[k * WIDTH + w] - own[k * WIDTH + w] < length:
+                contact[w], role[w] = k, who
+                break

@@ -19,15 +19,15 @@ from highd_lc.vocab.driver import TABLE3_MEANS
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
-LANES = 16
-"""Candidates a tile; arrays of a tile are flat, sample k of candidate w at k LANES + w."""
+WIDTH = 16
+"""Candidates a tile; arrays of a tile are flat, sample k of candidate w at k WIDTH + w."""
 NO_CONTACT = 1_000_000
 """Sample of the first contact of a candidate that has none."""
 
-# Rows of a tile's scratch: the candidates, losses to T and to H, a vehicle on its way (front, speed, command), and
-# how near it has come to its leader.
-DELTA, CHANGE, TO_T, TO_H, FRONT, SPEED, COMMAND, NEAREST = range(8)
-STATE_ROWS = 8
+# Rows of a tile's scratch: the candidates, losses to T and to H, a vehicle on its way (front, speed, command), how
+# near it has come to its leader, and what it credits of its change of leader (spacing, speed).
+DELTA, CHANGE, TO_T, TO_H, FRONT, SPEED, COMMAND, NEAREST, JUMP, V_JUMP = range(10)
+STATE_ROWS = 10
 
 _OTHERS = TABLE3_MEANS.as_array()
 _STEP = 4.0
@@ -45,8 +45,8 @@ def lateral_motion(
     A turned ellipse reaches at most b + a sin(heading), and its centre swings by r sin(heading) about the
     planned point; the heading is bounded by the lowest speed in the tile. state: rows delta, change.
     """
-    delta_low = state[DELTA * LANES : (DELTA + 1) * LANES].min()
-    changes = state[CHANGE * LANES : (CHANGE + 1) * LANES]
+    delta_low = state[DELTA * WIDTH : (DELTA + 1) * WIDTH].min()
+    changes = state[CHANGE * WIDTH : (CHANGE + 1) * WIDTH]
     change_low, change_high = changes.min(), changes.max()
     y[n:], vy[n:], reach[n:] = scene.D, 0.0, scene.b
     T = n * scene.dt
@@ -62,16 +62,16 @@ def lateral_motion(
 @njit(inline="always")
 def _near(k: int, shift: float, limit: float, av_front: FloatArray) -> int:
     near = 0
-    for w in range(LANES):
-        near += abs(shift - av_front[k * LANES + w]) < limit
+    for w in range(WIDTH):
+        near += abs(shift - av_front[k * WIDTH + w]) < limit
     return near
 
 
 @njit(inline="always")
 def _near_pair(k: int, shift: float, limit: float, av_front: FloatArray, front: FloatArray) -> int:
     near = 0
-    for w in range(LANES):
-        near += abs(front[k * LANES + w] + shift - av_front[k * LANES + w]) < limit
+    for w in range(WIDTH):
+        near += abs(front[k * WIDTH + w] + shift - av_front[k * WIDTH + w]) < limit
     return near
 
 
@@ -135,11 +135,11 @@ def meet_leaders(
             shift0, shift = scene.leader_x[i, j] + half, scene.leader_x[i, k] + half
             if _near(k, shift, limit + _STEP, av_front) == 0:
                 continue
-            for w in range(LANES):
-                dx0, dx = shift0 - av_front[j * LANES + w], shift - av_front[k * LANES + w]
+            for w in range(WIDTH):
+                dx0, dx = shift0 - av_front[j * WIDTH + w], shift - av_front[k * WIDTH + w]
                 if k < contact[w] and min(abs(dx0), abs(dx)) < limit:
-                    before = (dx0, dy0, av_v[j * LANES + w], vy[j])
-                    now = (dx, dy, av_v[k * LANES + w], vy[k])
+                    before = (dx0, dy0, av_v[j * WIDTH + w], vy[j])
+                    now = (dx, dy, av_v[k * WIDTH + w], vy[k])
                     _record(k, w, i, before, now, a2, b2, scene, contact, role)
 
 
@@ -172,12 +172,12 @@ def _meet_behind(
             or _near_pair(k, shift, limit + _STEP, av_front, front) == 0
         ):
             continue
-        for w in range(LANES):
-            dx0 = front[j * LANES + w] + shift - av_front[j * LANES + w]
-            dx = front[k * LANES + w] + shift - av_front[k * LANES + w]
+        for w in range(WIDTH):
+            dx0 = front[j * WIDTH + w] + shift - av_front[j * WIDTH + w]
+            dx = front[k * WIDTH + w] + shift - av_front[k * WIDTH + w]
             if k < contact[w] and min(abs(dx0), abs(dx)) < limit:
-                before = (dx0, dy0, av_v[j * LANES + w], vy[j])
-                now = (dx, dy, av_v[k * LANES + w], vy[k])
+                before = (dx0, dy0, av_v[j * WIDTH + w], vy[j])
+                now = (dx, dy, av_v[k * WIDTH + w], vy[k])
                 _record(k, w, who, before, now, a2, b2, scene, contact, role)
 
 
@@ -196,18 +196,18 @@ def drive_through(
 
     rear: its rear bumper [m], shape (N + 1,); front: of the candidates' AVs, or of those who follow them.
     """
-    for w in range(LANES):
-        state[NEAREST * LANES + w] = np.inf
+    for w in range(WIDTH):
+        state[NEAREST * WIDTH + w] = np.inf
     # Two samples at once: half the way to memory.
     for k in range(first, stop, 2):
         later = min(k + 1, stop - 1)
-        for w in range(LANES):
-            gap = min(rear[k] - front[k * LANES + w], rear[later] - front[later * LANES + w])
-            state[NEAREST * LANES + w] = min(state[NEAREST * LANES + w], gap)
-    for w in range(LANES):
-        if state[NEAREST * LANES + w] < 0.0:
+        for w in range(WIDTH):
+            gap = min(rear[k] - front[k * WIDTH + w], rear[later] - front[later * WIDTH + w])
+            state[NEAREST * WIDTH + w] = min(state[NEAREST * WIDTH + w], gap)
+    for w in range(WIDTH):
+        if state[NEAREST * WIDTH + w] < 0.0:
             for k in range(first, min(stop, contact[w])):
-                if rear[k] < front[k * LANES + w]:
+                if rear[k] < front[k * WIDTH + w]:
                     contact[w], role[w] = k, who
                     break
 
@@ -256,18 +256,18 @@ def _drive_origin_follower(
 ) -> None:
     """Fronts of the origin follower behind each candidate by LCM (Table 3 means), over the samples 0 .. last."""
     v_desire, A, b, B, tau, L = _OTHERS
-    for w in range(LANES):
-        state[FRONT * LANES + w] = scene.origin_follower[0] + scene.origin_follower[3] / 2.0
-        state[SPEED * LANES + w] = scene.origin_follower[2]
+    for w in range(WIDTH):
+        state[FRONT * WIDTH + w] = scene.origin_follower[0] + scene.origin_follower[3] / 2.0
+        state[SPEED * WIDTH + w] = scene.origin_follower[2]
     for k in range(last + 1):
-        for w in range(LANES):
-            x, v = state[FRONT * LANES + w], state[SPEED * LANES + w]
-            front[k * LANES + w] = x
+        for w in range(WIDTH):
+            x, v = state[FRONT * WIDTH + w], state[SPEED * WIDTH + w]
+            front[k * WIDTH + w] = x
             _, x, v = lcm_step(
                 x,
                 v,
-                av_front[k * LANES + w],
-                av_v[k * LANES + w],
+                av_front[k * WIDTH + w],
+                av_v[k * WIDTH + w],
                 v_desire,
                 A,
                 b,
@@ -277,7 +277,7 @@ def _drive_origin_follower(
                 scene.hardest,
                 scene.dt,
             )
-            state[FRONT * LANES + w], state[SPEED * LANES + w] = x, v
+            state[FRONT * WIDTH + w], state[SPEED * WIDTH + w] = x, v
 
 
 @njit(cache=True, nogil=True, error_model="numpy", **UNALIASED)

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from highd_lc.planning.contacts import LANES
+from highd_lc.planning.contacts import WIDTH
 from highd_lc.planning.limits import forward_interval
 from highd_lc.planning.pool import Goal, Pool, Task
 from highd_lc.planning.search import possible_durations, search
@@ -297,10 +297,10 @@ def simulate_single(task: Task, n: IntArray, delta: FloatArray, change: FloatArr
     """Single plans through the kernel: those of one duration share its tiles."""
     order = np.argsort(n, kind="stable")
     _, start, count = np.unique(n[order], return_index=True, return_counts=True)
-    firsts = np.concatenate([np.arange(s, s + c, LANES) for s, c in zip(start, count, strict=True)])
-    ends = np.minimum(firsts + LANES, np.repeat(start + count, -(-count // LANES)))
+    firsts = np.concatenate([np.arange(s, s + c, WIDTH) for s, c in zip(start, count, strict=True)])
+    ends = np.minimum(firsts + WIDTH, np.repeat(start + count, -(-count // WIDTH)))
     # Rows are filled up with their last plan.
-    place = np.minimum(firsts[:, None] + np.arange(LANES), ends[:, None] - 1)
+    place = np.minimum(firsts[:, None] + np.arange(WIDTH), ends[:, None] - 1)
     pool = task.simulate(n[order[firsts]], delta[order[place]], change[order[place]])
     back = np.empty(len(n), np.int64)
     back[order[place].ravel()] = np.arange(place.size)

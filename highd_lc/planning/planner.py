@@ -26,7 +26,7 @@ from highd_lc.planning.replay import (
 from highd_lc.planning.scene import PackedScene, Scene, contact_words, obstacle_roles, pack
 from highd_lc.planning.search import nominal_rejections, search
 from highd_lc.vocab import names
-from highd_lc.vocab.policy import ACCOUNTINGS
+from highd_lc.vocab.policy import ACCOUNTINGS, POLICIES
 from highd_lc.vocab.settings import ValidateSettings
 
 FloatArray = NDArray[np.float64]
@@ -89,9 +89,21 @@ class PlanningProblem:
         return Task(self.packed, self.terms, self.limit, self.settings.planner)
 
     @cached_property
+    def _searched(self) -> dict[str, Pool]:
+        return {}
+
+    def pool(self, form: str) -> Pool:
+        """The candidates of a form, searched once; those of the fixed form are part of the free one."""
+        if form not in self._searched:
+            known = self.pool(names.FIXED) if form == names.FREE else None
+            self._searched[form] = search(self.task, goals(self), known=known)
+        return self._searched[form]
+
+    @property
     def pools(self) -> dict[str, Pool]:
-        """The candidates of each form, searched once."""
-        return search_pools(self)
+        """The candidates of each form that is planned under the settings."""
+        forms = names.FORMS if self.settings.planner.free_form else (names.FIXED,)
+        return {form: self.pool(form) for form in forms}
 
 
 def pose(scene: Scene, settings: ValidateSettings) -> PlanningProblem:
@@ -118,23 +130,28 @@ def plan_all(problem: PlanningProblem) -> list[Plan]:
 
     An event whose ellipses overlap at t_start already, or without a feasible plan, gives plans with that status.
     """
-    plans = [plan for policy in names.REFERENCE_POLICIES for plan in reference_plans(problem, policy)]
+    recorded = [q for q in names.REFERENCE_POLICIES if q != names.HUMAN or problem.scene.human is not None]
+    plans = [plan for policy in recorded for plan in reference_plans(problem, policy)]
     if overlap_at_start(problem):
         return plans + infeasible_at_start(problem, [q for q in policies(problem.settings) if q in FORM_OF])
     return plans + list(_optimal(problem, problem.pools))
 
 
+def plan_one(problem: PlanningProblem, policy: str, accounting: str) -> Plan:
+    """The plan of one policy that starts at t_start, as ``plan_all`` has it; only its form is searched."""
+    asked = POLICIES[policy]
+    if not asked.searched:
+        return next(plan for plan in reference_plans(problem, policy) if plan.accounting == accounting)
+    if overlap_at_start(problem):
+        return next(p for p in infeasible_at_start(problem, [policy]) if p.accounting == accounting)
+    nominal = nominal_rejections(problem.task, free=asked.form == names.FREE)
+    goal = Goal(accounting, asked.omega_av(problem.settings.loss.omega_av))
+    return _best_plan(problem, problem.pool(asked.form), goal, policy, nominal, {})
+
+
 def goals(problem: PlanningProblem) -> list[Goal]:
     """What the optimal policies minimise: both weights of the AV under every accounting."""
     return [Goal(a, o) for a in names.ACCOUNTINGS for o in (1.0, problem.settings.loss.omega_av)]
-
-
-def search_pools(problem: PlanningProblem) -> dict[str, Pool]:
-    """The candidates of each form; those of the fixed form are part of the free one."""
-    pools = {names.FIXED: search(problem.task, goals(problem))}
-    if problem.settings.planner.free_form:
-        pools[names.FREE] = search(problem.task, goals(problem), known=pools[names.FIXED])
-    return pools
 
 
 def _optimal(problem: PlanningProblem, pools: dict[str, Pool]) -> Iterator[Plan]:
@@ -182,7 +199,7 @@ def reference_plans(problem: PlanningProblem, policy: str) -> list[Plan]:
     elif policy == names.HUMAN:
         # The recorded path is that of the box centre: nothing to move for the clearances.
         centred = problem.packed._replace(rear_to_centre=0.0)
-        played = replay(human_motion(problem.scene.human, centred), centred)
+        played = replay(human_motion(problem.scene.driver, centred), centred)
         motion = human_margins(problem)
     else:
         played = stay(problem)
@@ -227,7 +244,7 @@ def unchanged_motion(problem: PlanningProblem) -> tuple[AvMotion, FloatArray, Fl
     samples = len(packed.target_v)
     front = np.full(samples, np.inf) if origin is None else origin.x + origin.length / 2.0
     speed = np.zeros(samples) if origin is None else origin.v
-    lane = packed._replace(target_front=front, target_v=speed, D=0.0, from_crossing=False)
+    lane = packed._replace(target_front=front, target_v=speed, D=0.0)
     free = free_motion(packed)
     drive_on(free.x, free.y, free.vx, free.ax, free.jerk, free.n, lane)
     x, v, a = (np.empty((len(packed.follower_x), samples)) for _ in range(3))
@@ -239,7 +256,7 @@ def own_duration(problem: PlanningProblem, policy: str) -> float:
     """How long the lane change of a reference policy lasts by itself [s]; the replay cuts it at H."""
     if policy != names.HUMAN:
         return CONSTANT_T
-    human = problem.scene.human
+    human = problem.scene.driver
     return float((len(human.x) - 1 if human.end is None else human.end) * problem.packed.dt)
 
 
@@ -313,7 +330,7 @@ def plan_margins(
 
 def human_margins(problem: PlanningProblem) -> dict[str, float]:
     """How far the recorded, smoothed motion stays inside each dynamic limit, at its samples."""
-    human, limit = problem.scene.human, problem.limit
+    human, limit = problem.scene.driver, problem.limit
     to_T = slice(None if human.end is None else human.end + 1)
     speed = np.hypot(human.vx, human.vy)[to_T]
     found = {"speed": float(min(speed.min() - limit.v_min, limit.v_max - speed.max()))}

@@ -6,10 +6,18 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from highd_lc.core.drive import advance, drive_behind, lcm_command, lcm_step
+from highd_lc.core.drive import (
+    advance,
+    credited,
+    drive_behind,
+    follower_command,
+    jump,
+    lcm_command,
+    remembered,
+)
 from highd_lc.core.ellipse import ellipse_clearance
-from highd_lc.core.quintic import Quintic, sample
-from highd_lc.planning.scene import Human, PackedScene
+from highd_lc.core.quintic import SHARE_TOLERANCE, Quintic, sample
+from highd_lc.planning.scene import MOMENT, Human, PackedScene
 from highd_lc.vocab.driver import TABLE3_MEANS
 
 FloatArray = NDArray[np.float64]
@@ -105,6 +113,26 @@ def _prescribed(columns: tuple[FloatArray, ...], samples: int, crossing: int) ->
     return AvMotion(x, y, vx, vy, ax, jerk, n=n, crossing=crossing)
 
 
+def box_centre(av: AvMotion, rear_to_centre: float) -> tuple[FloatArray, FloatArray]:
+    """x, y of the AV's box centre [m], each of shape (N + 1,): a planned point is the rear axle, moved forward by
+    rear_to_centre [m] (equations.md 2); 0 where the motion is that of the centre.
+    """
+    heading = np.arctan2(av.vy, av.vx)
+    return av.x + rear_to_centre * (np.cos(heading) - 1.0), av.y + rear_to_centre * np.sin(heading)
+
+
+def joins(av: AvMotion, scene: PackedScene, follower: int = 0) -> int:
+    """Sample from which that follower has the AV as leader: once the AV has made the follower's share of its way.
+
+    Half of the way is the AV's crossing; a share that it never makes is N + 1.
+    """
+    moment = float(scene.reactions[follower, MOMENT])
+    if moment in (0.0, 0.5):
+        return av.crossing if moment else 0
+    made = np.flatnonzero(av.y / scene.D >= moment - SHARE_TOLERANCE)
+    return int(made[0]) if len(made) else len(av.y)
+
+
 def replay(av: AvMotion, scene: PackedScene) -> Replay:
     """Let the AV drive on after T and the followers react.
 
@@ -115,7 +143,7 @@ def replay(av: AvMotion, scene: PackedScene) -> Replay:
     samples = len(av.x)
     p = len(scene.follower_x)
     x, v, a = (np.empty((p, samples)) for _ in range(3))
-    follow(av.x + scene.length / 2.0, av.vx, av.crossing if scene.from_crossing else 0, scene, x, v, a)
+    follow(av.x + scene.length / 2.0, av.vx, joins(av, scene), scene, x, v, a)
     to_T, after_T = clearances(av.x, av.y, av.vx, av.vy, av.n, av.crossing, scene, x)
     return Replay(av, x, v, a, to_T, after_T)
 
@@ -163,28 +191,38 @@ def follow(
     v: FloatArray,
     a: FloatArray,
 ) -> None:
-    """Drive the followers by LCM: the first behind the target leader before sample ``insertion`` and behind the AV
-    from then on, each other behind the one before. Fills x, v, a of shape (p, N + 1).
+    """Drive the followers by their models: the first behind the target leader before sample ``insertion`` and
+    behind the AV from then on, each other behind the one before. Fills x, v, a of shape (p, N + 1).
     """
     dt = scene.dt
     p, samples = x.shape
+    credit, v_credit = 0.0, 0.0
     for i in range(p):
         x[i, 0], v[i, 0] = scene.follower_x[i], scene.follower_v[i]
     for k in range(samples):
-        ahead_front, ahead_v = av_front[k], av_v[k]
+        front, speed, length = av_front[k], av_v[k], scene.length
         if k < insertion:
-            ahead_front, ahead_v = scene.target_front[k], scene.target_v[k]
+            front, speed, length = scene.target_front[k], scene.target_v[k], scene.target_length
         for i in range(p):
             v_desire, A, b, B, tau, L = scene.parameters[i]
+            code, memory, relaxation, need, a_0, drift, _ = scene.reactions[i]
+            family, half, share = int(code), scene.follower_length[i] / 2.0, 0.0
             if i == 0 and k < insertion:
                 L = scene.first_L
-            half = scene.follower_length[i] / 2.0
-            a[i, k], later, faster = lcm_step(
-                x[i, k], v[i, k], ahead_front - half, ahead_v, v_desire, A, b, B, tau, L, scene.hardest, dt
-            )
-            ahead_front, ahead_v = x[i, k] + half, v[i, k]
+            spacing = front - half - x[i, k]
+            if i == 0 and k == insertion:
+                before = scene.target_front[k] - half - x[i, k]
+                credit, v_credit = jump(family, v[i, k], spacing, speed, before, scene.target_v[k], b, B, tau, L)
+            if i == 0:
+                share = credited((k - insertion) * dt, relaxation)
+            a[i, k] = follower_command(
+                family, v[i, k], spacing, speed, length, v_desire, A, b, B, tau, L,
+                share * credit, share * v_credit, remembered(scene.clock + k * dt, memory), a_0, drift, need,
+                scene.hardest,
+            )  # fmt: skip
+            front, speed, length = x[i, k] + half, v[i, k], scene.follower_length[i]
             if k + 1 < samples:
-                x[i, k + 1], v[i, k + 1] = later, faster
+                x[i, k + 1], v[i, k + 1] = advance(x[i, k], v[i, k], a[i, k], dt)
 
 
 @njit(cache=True, nogil=True)

@@ -7,16 +7,17 @@ fronts), and of the box centre where ellipses are compared.
 """
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from highd_lc.core.drive import hardest_braking
+from highd_lc.core.drive import LCM, hardest_braking
 from highd_lc.core.ellipse import semi_axes
 from highd_lc.core.losses import follower_weights
 from highd_lc.vocab import names
 from highd_lc.vocab.driver import TABLE3_MEANS
+from highd_lc.vocab.errors import UsageError
 from highd_lc.vocab.settings import ValidateSettings
 
 FloatArray = NDArray[np.float64]
@@ -76,8 +77,13 @@ class Followers:
 
     x, y: box centres relative to the ego's centre [m], v: speed [m/s], length, width [m], each of shape (p,).
     parameters: LCM of each with L moved behind the AV (L_replay), shape (p, 6). L_no_change: L of the first
-    one when it stays behind the target leader [m]. recorded: their recorded motions where in view. spread:
+    one when it stays behind the target leader [m]. recorded: their motions, empty if nobody recorded them. spread:
     standard deviation of each parameter, 0 where unknown, shape (p, 6); None: of none.
+
+    The rest says how they react (equations.md 3.10); left out, it leaves the bare model. family: of
+    ``names.FAMILIES``, whose parameters these are. memory, relaxation [s], need, a_0, drift [m/s^2], moment (share
+    of the AV's lateral way from which it is the leader of who gets it): each of shape (p,); None or NaN: 0, an
+    infinite need, the moment of the setting ``leader_from``.
     """
 
     x: FloatArray
@@ -89,6 +95,13 @@ class Followers:
     L_no_change: float
     recorded: tuple[Motion, ...]
     spread: FloatArray | None = None
+    family: str = names.LCM
+    memory: FloatArray | None = None
+    relaxation: FloatArray | None = None
+    need: FloatArray | None = None
+    a_0: FloatArray | None = None
+    drift: FloatArray | None = None
+    moment: FloatArray | None = None
 
 
 @dataclass(frozen=True)
@@ -96,9 +109,10 @@ class Scene:
     """Everything the planner knows of one lane change, relative to the ego's box centre at t_start.
 
     v0: the ego's recorded speed at t_start [m/s]; a0: its recorded acceleration [m/s^2]; lateral_shift: D,
-    left positive [m]; length, width, wheelbase of the ego [m]; dt: step of the time grid [s]; target_leader,
-    origin_leader, origin_follower: motions over 0 .. H, or None (the origin follower's matter at t_start).
-    next_leaders: who leads the target lane when the target leader has left it, in the order of time.
+    left positive [m]; length, width, wheelbase of the ego [m]; dt: step of the time grid, horizon: H [s];
+    target_leader, origin_leader, origin_follower: motions over 0 .. H, or None (the origin follower's matter at
+    t_start). human: None where nobody recorded one. next_leaders: who leads the target lane when the target
+    leader has left it, in the order of time.
     """
 
     event_id: str
@@ -109,14 +123,33 @@ class Scene:
     width: float
     wheelbase: float
     dt: float
+    horizon: float
     target_leader: Motion | None
     origin_leader: Motion | None
     origin_follower: Motion | None
     followers: Followers
-    human: Human
+    human: Human | None = None
     next_leaders: tuple[NextLeader, ...] = ()
 
+    @property
+    def samples(self) -> int:
+        """Samples of the time grid, N + 1."""
+        return round(self.horizon / self.dt) + 1
 
+    @property
+    def driver(self) -> Human:
+        """The human's motion. Raises UsageError if nobody recorded one."""
+        if self.human is None:
+            raise UsageError(f"{self.event_id}: nobody recorded a human's lane change in this scene")
+        return self.human
+
+
+FAMILY, MEMORY, RELAXATION, NEED, A_0, DRIFT, MOMENT = range(7)
+"""Columns of ``PackedScene.reactions``: code of the family, then as in ``Followers``."""
+BARE_LCM: Final = (float(LCM), 0.0, 0.0, np.inf, 0.0, 0.0)
+"""Reactions of who is an LCM driver and nothing more, without the moment."""
+MOMENT_OF: Final = {"start": 0.0, "crossing": 0.5}
+"""The moment that a setting ``leader_from`` stands for."""
 PAPER_SEMI_AXES = (2.5, 1.0)
 """C_a and C_b of the paper [m]; they do not contain the corners of its own 5 m x 2 m box (equations.md 10)."""
 
@@ -128,11 +161,11 @@ class PackedScene(NamedTuple):
     speed and length of who leads the target lane, infinite, 0 and 0 without one; a later leader's front is its
     rear plus the first one's length, so that gaps are right and L, which belongs to that length, stays right.
     leader_x, leader_y (m, N + 1), leader_a, leader_b (m,): the target leader is the last. follower_* (p,),
-    parameters (p, 6), first_L: L of the first follower while it is behind the target leader. origin_follower: x,
-    y, v, length, a, b, or empty. av_parameters (6,). weights (p,). from_crossing: whether the first follower
-    follows the AV only from the crossing. after_lcm: the AV's drive after T. counts_handover: whether the step of
-    the AV's command onto that drive, from 0, is charged. hardest: bound of everybody's commanded braking [m/s^2].
-    asks_all: whether contacts between the others count as well.
+    parameters (p, 6), reactions (p, 7): how each turns them into a command, first_L: L of the first follower while
+    it is behind the target leader. clock: how long before sample 0 everybody's memory began to fade [s].
+    origin_follower: x, y, v, length, a, b, or empty. av_parameters (6,). weights (p,). after_lcm: the AV's drive
+    after T. counts_handover: whether the step of the AV's command onto that drive, from 0, is charged. hardest:
+    bound of everybody's commanded braking [m/s^2]. asks_all: whether contacts between the others count as well.
     """
 
     v0: float
@@ -156,11 +189,12 @@ class PackedScene(NamedTuple):
     follower_a: FloatArray
     follower_b: FloatArray
     parameters: FloatArray
+    reactions: FloatArray
     first_L: float
+    clock: float
     origin_follower: FloatArray
     av_parameters: FloatArray
     weights: FloatArray
-    from_crossing: bool
     after_lcm: bool
     counts_handover: bool
     hardest: float
@@ -172,7 +206,7 @@ def pack(scene: Scene, settings: ValidateSettings) -> PackedScene:
     paper = settings.constraints.ellipse == "paper"
     followers = scene.followers
     leaders = list(leaders_of(scene).values())
-    samples = len(followers.recorded[0].x)
+    samples = scene.samples
     axes = [_axes(le, wi, paper) for le, wi in zip(followers.length, followers.width, strict=True)]
     a, b = _axes(scene.length, scene.width, paper)
     front, speed = _front(scene, samples)
@@ -198,16 +232,35 @@ def pack(scene: Scene, settings: ValidateSettings) -> PackedScene:
         follower_a=np.array([one for one, _ in axes]),
         follower_b=np.array([two for _, two in axes]),
         parameters=np.ascontiguousarray(followers.parameters),
+        reactions=_reactions(followers, MOMENT_OF[settings.planner.leader_from]),
         first_L=followers.L_no_change,
+        clock=0.0,
         origin_follower=_origin_follower(scene.origin_follower, paper),
         av_parameters=TABLE3_MEANS.as_array(),
         weights=scene_weights(scene),
-        from_crossing=settings.planner.leader_from == "crossing",
         after_lcm=settings.planner.after == "lcm",
         counts_handover=settings.loss.handover == "counted",
         hardest=hardest_braking(settings.followers.b_max),
         asks_all=settings.constraints.contacts == "all",
     )
+
+
+def _reactions(followers: Followers, moment: float) -> FloatArray:
+    """How each follower reacts, shape (p, 7). moment: of those whose model has none of its own."""
+    given = (
+        followers.memory,
+        followers.relaxation,
+        followers.need,
+        followers.a_0,
+        followers.drift,
+        followers.moment,
+    )
+    out = np.tile([*BARE_LCM, moment], (len(followers.x), 1))
+    out[:, FAMILY] = names.FAMILIES.index(followers.family)
+    for column, values in enumerate(given, start=MEMORY):
+        if values is not None:
+            out[:, column] = np.where(np.isnan(values), out[:, column], values)
+    return out
 
 
 def scene_weights(scene: Scene) -> FloatArray:

@@ -20,7 +20,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from highd_lc.planning.contacts import LANES
+from highd_lc.planning.contacts import WIDTH
 from highd_lc.planning.limits import CONSTRAINTS, forward_interval, violations
 from highd_lc.planning.pool import Goal, Pool, Task, distinct
 from highd_lc.planning.zoom import Starts, hides_better, refine_edges, zoom
@@ -237,8 +237,8 @@ def _into_slots(task: Task, pool: Pool, goals: list[Goal], rows: list[Row]) -> t
         return pool, rows
     n, index, _ = (np.array(column) for column in zip(*moved, strict=True))
     centre, frame = _window(task, pool, n, index, free=True, window=1.0)
-    bend = centre[:, :1] + frame[:, 0, :1] * np.linspace(-1.0, 1.0, LANES)
-    change = np.repeat(centre[:, 1:], LANES, axis=1)
+    bend = centre[:, :1] + frame[:, 0, :1] * np.linspace(-1.0, 1.0, WIDTH)
+    change = np.repeat(centre[:, 1:], WIDTH, axis=1)
     lines = task.simulate(n, bend + change * task.seconds(n)[:, None] / 2.0, change)
     found = refine_edges(task, pool.joined(lines), goals)
     return found, [_on_its_line(found, goals, row, len(pool)) if tight[row[2]] else row for row in rows]

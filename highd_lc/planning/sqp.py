@@ -19,12 +19,12 @@ from numba import njit
 from numpy.typing import NDArray
 
 from highd_lc.core.losses import joint_objective
-from highd_lc.core.quintic import Quintic, q_rate, q_shape, z_rate, z_shape
+from highd_lc.core.quintic import Quintic, first_past, q_rate, q_shape, z_rate, z_shape
 from highd_lc.planning import limits
 from highd_lc.planning.limits import forward_interval
 from highd_lc.planning.pool import Goal, Pool, Task
 from highd_lc.planning.replay import drive_on, follow, origin_follower_motion
-from highd_lc.planning.scene import PackedScene
+from highd_lc.planning.scene import MOMENT, PackedScene
 from highd_lc.planning.search import possible_durations
 from highd_lc.vocab import names
 
@@ -69,7 +69,7 @@ def _separations(
         vy[n[w] :] = 0.0
         drive_on(x, y, vx, ax, jerk, n[w], scene)
         crossing = n[w] // 2
-        follow(x + scene.length / 2.0, vx, crossing if scene.from_crossing else 0, scene, fx, fv, fa)
+        follow(x + scene.length / 2.0, vx, first_past(scene.reactions[0, MOMENT], n[w]), scene, fx, fv, fa)
         behind = x
         if len(scene.origin_follower):
             behind = origin_follower_motion(x + scene.length / 2.0, vx, crossing, scene)

@@ -19,7 +19,8 @@ from highd_lc.planning.planner import (
     overlap_at_start,
 )
 from highd_lc.planning.pool import OVERTAKES, Goal, Pool
-from highd_lc.planning.replay import AvMotion, Entry, Replay, clearances, drive_on, follow, plan_motion
+from highd_lc.planning.replay import AvMotion, Entry, Replay, clearances, drive_on, follow, joins, plan_motion
+from highd_lc.planning.scene import MOMENT
 from highd_lc.planning.search import nominal_rejections
 from highd_lc.planning.start_search import search_starts
 from highd_lc.planning.starts import CONTAINED, Key, StartProblem, best_of, pose_starts
@@ -56,19 +57,44 @@ def plan_starts(problem: PlanningProblem) -> list[Plan]:
     return [plan for policy, form in forms for plan in _plans(posed, policy, pools[form], nominal[form])]
 
 
+def plan_start(posed: StartProblem, policy: str, accounting: str, searched: dict[str, dict[Key, Pool]]) -> Plan:
+    """The plan of one policy that chooses its start, as ``plan_starts`` has it.
+
+    searched: the candidates of forms that were searched before; those that the policy needs are put there.
+    """
+    problem, form = posed.problem, FORM_OF_START[policy]
+    if overlap_at_start(problem):
+        return next(p for p in infeasible_at_start(problem, [policy]) if p.accounting == accounting)
+    for needed in (names.START, names.FREE_START)[: 1 + (form == names.FREE_START)]:
+        if needed not in searched:
+            searched[needed] = _start_pool(posed, goals(problem), needed, searched)
+    nominal = nominal_rejections(problem.task, free=form == names.FREE_START)
+    omega = 1.0 if policy in _BENCHMARKS else problem.settings.loss.omega_av
+    return _best_plan(posed, searched[form], Goal(accounting, omega), policy, nominal)
+
+
 def _planned(problem: PlanningProblem, form: str) -> bool:
     return form == names.START or problem.settings.planner.free_form
 
 
 def start_pools(posed: StartProblem, wanted: list[Goal]) -> dict[str, dict[Key, Pool]]:
     """The candidates of each form; those of the fixed form are part of the free one."""
-    known = posed.problem.pools
-    found = {names.START: search_starts(posed, wanted, {CONTAINED: known[names.FIXED]}, free=False)}
-    if _planned(posed.problem, names.FREE_START):
-        fixed = found[names.START]
-        known_free = fixed | {CONTAINED: fixed[CONTAINED].joined(known[names.FREE])}
-        found[names.FREE_START] = search_starts(posed, wanted, known_free, free=True)
+    found: dict[str, dict[Key, Pool]] = {}
+    for form in names.START_FORMS:
+        if _planned(posed.problem, form):
+            found[form] = _start_pool(posed, wanted, form, found)
     return found
+
+
+def _start_pool(
+    posed: StartProblem, wanted: list[Goal], form: str, found: Mapping[str, dict[Key, Pool]]
+) -> dict[Key, Pool]:
+    """The candidates of a form; found: those of the fixed form, for the free one."""
+    if form == names.START:
+        return search_starts(posed, wanted, {CONTAINED: posed.problem.pool(names.FIXED)}, free=False)
+    fixed = found[names.START]
+    known = fixed | {CONTAINED: fixed[CONTAINED].joined(posed.problem.pool(names.FREE))}
+    return search_starts(posed, wanted, known, free=True)
 
 
 def _plans(posed: StartProblem, policy: str, pools: StartPools, nominal: dict[str, int]) -> Iterator[Plan]:
@@ -167,7 +193,7 @@ def replay_behind(posed: StartProblem, key: Key, av: AvMotion) -> Replay:
     scene = gap.delayed(d, posed.waiting)
     x0 = float(posed.waiting.av.x[d])
     later = [np.empty((len(gap.x), len(av.x) - d)) for _ in range(3)]
-    insertion = av.crossing - d if scene.from_crossing else 0
+    insertion = max(joins(av, scene) - d, 0)
     follow(av.x[d:] - x0 + scene.length / 2.0, av.vx[d:], insertion, scene, *later)
     later[0] += x0
     behind = [np.hstack([b[:, :d], m]) for b, m in zip((gap.x, gap.v, gap.a), later, strict=True)]
@@ -183,7 +209,7 @@ def _entry(posed: StartProblem, key: Key, behind: list[FloatArray]) -> Entry:
     if gap.name == names.GAP_AHEAD:
         front = behind[0][0] + gap.scene.follower_length[0] / 2.0
         return Entry(0, None, front, behind[1][0])
-    handed = d if d > 0 and not packed.from_crossing else None
+    handed = d if d > 0 and not packed.reactions[gap.passed, MOMENT] else None
     return Entry(gap.passed + 1, handed, packed.target_front, packed.target_v)
 
 

@@ -2,7 +2,7 @@
 
 Waiting before a lane change: what happens until the AV starts, in which gap it then goes, what is charged.
 
-Until it starts the AV keeps its lane, and the followers stay behind the target leader by LCM. Both can be
+Until it starts the AV keeps its lane, and the followers stay behind the target leader by their models. Both can be
 simulated once, for they do not depend on the plan. So a delay d makes an event a later one, with the states at
 t_start + d as its start: the planner's kernels search it as any other, and the losses charged before d are added.
 
@@ -31,6 +31,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from highd_lc.core.drive import LCM
 from highd_lc.core.ellipse import ellipses_overlap
 from highd_lc.core.losses import command_jerk, speed_difference
 from highd_lc.planning.candidates import LossTerms
@@ -39,7 +40,7 @@ from highd_lc.planning.limits import limits
 from highd_lc.planning.planner import PlanningProblem
 from highd_lc.planning.pool import Before, Goal, Pool, Task
 from highd_lc.planning.replay import AvMotion, drive_on, follow, free_motion, origin_follower_motion
-from highd_lc.planning.scene import Motion, PackedScene, Scene, obstacle_count
+from highd_lc.planning.scene import BARE_LCM, FAMILY, MOMENT, Motion, PackedScene, Scene, obstacle_count
 from highd_lc.vocab import names
 from highd_lc.vocab.driver import REPLAY_L_BOUNDS, TABLE3_MEANS
 
@@ -213,6 +214,7 @@ class Gap:
             leader_y=np.ascontiguousarray(scene.leader_y[:, d:]),
             follower_x=self.x[:, d] - x0,
             follower_v=self.v[:, d].copy(),
+            clock=scene.clock + d * scene.dt,
             origin_follower=origin,
         )
 
@@ -227,16 +229,22 @@ def find_gaps(scene: Scene, packed: PackedScene, terms: LossTerms, waiting: Wait
 
 
 def _recorded(packed: PackedScene, terms: LossTerms, waiting: Waiting) -> Gap:
-    own = charges(waiting, terms, packed.dt, passed=0, counts_insertion=packed.from_crossing)
+    own = charges(waiting, terms, packed.dt, passed=0, counts_insertion=_waits(packed, 0))
     return Gap(names.RECORDED_GAP, packed, terms, waiting.x, waiting.v, waiting.a, 0, slice(None), own)
+
+
+def _waits(packed: PackedScene, follower: int) -> bool:
+    """Whether a follower keeps its leader beyond the start of the AV's manoeuvre."""
+    return bool(packed.reactions[follower, MOMENT] > 0.0)
 
 
 def _behind(g: int, packed: PackedScene, terms: LossTerms, waiting: Waiting) -> Gap:
     """The gap behind HV_g, g >= 1."""
     level = np.repeat(packed.follower_y[:g, None], len(packed.target_v), axis=1)
     parameters, length = packed.parameters[g:].copy(), float(packed.follower_length[g - 1])
-    # A fitted L belongs to a leader's length: moved from HV_g's to the AV's (equations.md 3).
-    parameters[0, 5] = np.clip(parameters[0, 5] - length + packed.length, *REPLAY_L_BOUNDS)
+    # A fitted spacing belongs to a leader's length: moved from HV_g's to the AV's (equations.md 3). Gaps do not.
+    if packed.reactions[g, FAMILY] == LCM:
+        parameters[0, 5] = np.clip(parameters[0, 5] - length + packed.length, *REPLAY_L_BOUNDS)
     scene = packed._replace(
         target_front=waiting.x[g - 1] + length / 2.0,
         target_v=waiting.v[g - 1].copy(),
@@ -252,11 +260,12 @@ def _behind(g: int, packed: PackedScene, terms: LossTerms, waiting: Waiting) -> 
         follower_a=packed.follower_a[g:].copy(),
         follower_b=packed.follower_b[g:].copy(),
         parameters=parameters,
+        reactions=packed.reactions[g:].copy(),
         first_L=float(packed.parameters[g, 5]),
         weights=packed.weights[g:].copy(),
     )
     later = terms._replace(hv_ref=terms.hv_ref[g:].copy(), weights=terms.weights[g:].copy())
-    own = charges(waiting, terms, packed.dt, passed=g, counts_insertion=packed.from_crossing)
+    own = charges(waiting, terms, packed.dt, passed=g, counts_insertion=_waits(packed, g))
     motion = (waiting.x[g:], waiting.v[g:], waiting.a[g:])
     met = chain_contact(waiting.x[:g], packed)
     return Gap(names.gap_behind(g), scene, later, *motion, g, slice(None), own, met)
@@ -282,6 +291,8 @@ def _ahead(leader: Motion, packed: PackedScene, terms: LossTerms, waiting: Waiti
         follower_a=np.append(packed.leader_a[m], packed.follower_a),
         follower_b=np.append(packed.leader_b[m], packed.follower_b),
         parameters=np.vstack([TABLE3_MEANS.as_array(), parameters]),
+        # Nobody knows the target leader's ways: it minds the AV when HV_1 would.
+        reactions=np.vstack([[*BARE_LCM, packed.reactions[0, MOMENT]], packed.reactions]),
         first_L=TABLE3_MEANS.L,
         weights=np.append(0.0, packed.weights),
     )

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from highd_lc.core.kernels import UNALIASED
 from highd_lc.planning.candidates import LossTerms, Outcomes, evaluate_into, new_outcomes
-from highd_lc.planning.contacts import LANES, NO_CONTACT
+from highd_lc.planning.contacts import NO_CONTACT, WIDTH
 from highd_lc.planning.limits import Limits, forward_interval, violation
 from highd_lc.planning.pool import NOTHING_BEFORE, OVERTAKES, Before, Goal, Pool, Task
 from highd_lc.planning.scene import PackedScene
@@ -39,15 +39,15 @@ _NARROWEST, _WIDEST = 0.3, 0.8
 
 
 def _sunflower() -> FloatArray:
-    """Evenly spread points on a disc that covers the unit square but for its corners, shape (LANES, 2)."""
-    i = np.arange(LANES) + 0.5
-    radius, angle = 1.2 * np.sqrt(i / LANES), i * np.pi * (3.0 - np.sqrt(5.0))
+    """Evenly spread points on a disc that covers the unit square but for its corners, shape (WIDTH, 2)."""
+    i = np.arange(WIDTH) + 0.5
+    radius, angle = 1.2 * np.sqrt(i / WIDTH), i * np.pi * (3.0 - np.sqrt(5.0))
     return np.stack([radius * np.cos(angle), radius * np.sin(angle)], axis=1)
 
 
 _SUNFLOWER: Final = _sunflower()
-_LINE: Final = np.stack([np.linspace(-1.0, 1.0, LANES), np.zeros(LANES)], axis=1)
-_LINE_SHRINK: Final = 1.3 * 2.0 / (LANES - 1)
+_LINE: Final = np.stack([np.linspace(-1.0, 1.0, WIDTH), np.zeros(WIDTH)], axis=1)
+_LINE_SHRINK: Final = 1.3 * 2.0 / (WIDTH - 1)
 """The next line reaches a step and a third of this one to either side."""
 
 
@@ -66,7 +66,7 @@ class Starts:
 
 @dataclass(frozen=True)
 class Clouds:
-    """What was simulated: delta, change, outcomes and violation codes of shape (levels, S, LANES)."""
+    """What was simulated: delta, change, outcomes and violation codes of shape (levels, S, WIDTH)."""
 
     delta: FloatArray
     change: FloatArray
@@ -83,7 +83,7 @@ def zoom(
     """
     clouds, best = follow_valleys(task, goals, starts, levels=levels, free=free)
     found = Pool(
-        n=np.tile(np.repeat(starts.n, LANES), levels),
+        n=np.tile(np.repeat(starts.n, WIDTH), levels),
         delta=clouds.delta.ravel(),
         change=clouds.change.ravel(),
         **{name: values.ravel() for name, values in clouds.outcomes._asdict().items()},
@@ -96,7 +96,7 @@ def follow_valleys(
     task: Task, goals: list[Goal], starts: Starts, *, levels: int, free: bool
 ) -> tuple[Clouds, IntArray]:
     """Simulate the clouds about the starts; the place of each start's best candidate among them, or -1."""
-    shape = (levels, len(starts.n), LANES)
+    shape = (levels, len(starts.n), WIDTH)
     clouds = Clouds(np.empty(shape), np.empty(shape), new_outcomes(shape), np.empty(shape, np.int64))
     best = np.full(len(starts.n), -1)
     asked = [goals[g] for g in starts.goal]
@@ -136,7 +136,7 @@ def _follow_valleys(
     best: IntArray,
 ) -> None:
     """Fill delta .. best (see ``follow_valleys``); centre and frame move on with the levels."""
-    starts, value, row = len(n), np.full(len(n), np.inf), np.empty(LANES)
+    starts, value, row = len(n), np.full(len(n), np.inf), np.empty(WIDTH)
     for level in range(len(delta)):
         at = Outcomes(
             outcomes.av_T[level], outcomes.av_H[level], outcomes.hv_T[level], outcomes.hv_H[level],
@@ -149,7 +149,7 @@ def _follow_valleys(
         evaluate_into(n, delta[level], change[level], scene, terms, at)
         for s in range(starts):
             T = n[s] * scene.dt
-            for w in range(LANES):
+            for w in range(WIDTH):
                 d, c = delta[level, s, w], change[level, s, w]
                 code = violation(T, d, c, scene.v0, scene.D, limit)
                 if starts_later:
@@ -168,7 +168,7 @@ def _follow_valleys(
             lowest = np.argmin(row)
             origin_0, origin_1 = 0.0, 0.0
             if row[lowest] < value[s]:
-                value[s], best[s] = row[lowest], (level * starts + s) * LANES + lowest
+                value[s], best[s] = row[lowest], (level * starts + s) * WIDTH + lowest
                 centre[s, 1] = change[level, s, lowest]
                 centre[s, 0] = delta[level, s, lowest] - centre[s, 1] * T / 2.0
                 origin_0, origin_1 = cloud[lowest]
@@ -190,7 +190,7 @@ def _place_cloud(
     change: FloatArray,
 ) -> None:
     """Fill delta and change of a start's candidates, moved into the interval of what is possible."""
-    for w in range(LANES):
+    for w in range(WIDTH):
         bend = centre[0] + frame[0, 0] * cloud[w, 0] + frame[0, 1] * cloud[w, 1]
         wanted = centre[1] + frame[1, 0] * cloud[w, 0] + frame[1, 1] * cloud[w, 1]
         change[w] = min(max(wanted, limit.v_min - v0), limit.v_max - v0)
@@ -232,13 +232,13 @@ _WORTHWHILE: Final = 2e-4
 
 def refine_edges(task: Task, pool: Pool, goals: list[Goal]) -> Pool:
     """The pool with finer candidates across the edges that promise more than the best of some goal."""
-    between = np.linspace(0.0, 1.0, LANES + 2)[1:-1]
+    between = np.linspace(0.0, 1.0, WIDTH + 2)[1:-1]
     for _ in range(_LEVELS):
         low, high = _promising(pool, goals)
         if not len(low):
             break
         start, end = pool.delta[low][:, None], pool.delta[high][:, None]
-        change = np.repeat(pool.change[low][:, None], LANES, axis=1)
+        change = np.repeat(pool.change[low][:, None], WIDTH, axis=1)
         pool = pool.joined(task.simulate(pool.n[low], start + (end - start) * between, change))
     return pool
 

@@ -45,7 +45,8 @@ def matrix_figure(matrix: pd.DataFrame) -> Figure:
     _interval(axes, y, rows, [CELL_COLOURS[form] for form in rows["form"]])
     axes.plot(100 * rows["gain_av"], y, "|", color=QUIET, ms=9, mew=1.6, label="AV alone")
     axes.plot(100 * rows["gain_hv"], y, "x", color=QUIET, ms=6, mew=1.4, label="followers alone")
-    axes.set_yticks(y, [_cell_label(row) for row in rows.itertuples(index=False)])
+    several = len(set(rows["followers"])) > 1
+    axes.set_yticks(y, [_cell_label(row, several) for row in rows.itertuples(index=False)])
     _gain_axis(axes)
     figure.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=2, **LEGEND)
     return figure
@@ -63,8 +64,9 @@ def strata_figure(matrix: pd.DataFrame, *, form: str, accounting: str) -> Figure
     return figure
 
 
-def _cell_label(row: Any) -> str:
-    return f"{labels.FORMS[row.form]}, {labels.ACCOUNTING_NAMES[row.accounting].lower()}"
+def _cell_label(row: Any, several: bool) -> str:
+    model = f"{labels.follower_model(row.followers)}: " * several
+    return f"{model}{labels.FORMS[row.form]}, {labels.ACCOUNTING_NAMES[row.accounting].lower()}"
 
 
 def _interval(axes: Axes, y: NDArray[np.signedinteger[Any]], rows: pd.DataFrame, colours: Sequence[str]) -> None:

@@ -15,7 +15,7 @@ from highd_lc.reporting.drawing import DARK, INK, LEGEND, LINE, QUIET, SIZE, col
 from highd_lc.reporting.figures_population import CELL_COLOURS
 from highd_lc.reporting.html import number
 from highd_lc.vocab import names
-from highd_lc.vocab.tables.studies import FOLLOWER_MODELS, FRONT, SWEEP
+from highd_lc.vocab.tables.studies import FRONT, SWEEP
 
 FloatArray = NDArray[np.float64]
 
@@ -27,17 +27,18 @@ _FRONTS: Final = 6
 def cross_figure(scores: pd.DataFrame) -> Figure:
     """Gain when plans are scored under what was not optimised: rows optimised, columns scored, a panel a model.
 
-    scores: rows of ``cross_scores`` of one form.
+    scores: rows of ``cross_scores`` of one form and of the follower model that planned.
     """
-    figure, grid = panels(9.4, 2.7, columns=len(FOLLOWER_MODELS))
+    models = list(dict.fromkeys(scores["scored_with"]))
+    figure, grid = panels(2.35 + 2.35 * len(models), 2.7, columns=len(models))
     largest = _largest(scores["gain"])
-    for axes, model in zip(grid[0], FOLLOWER_MODELS, strict=True):
-        table = scores[scores["followers"] == model].pivot_table(
+    for axes, model in zip(grid[0], models, strict=True):
+        table = scores[scores["scored_with"] == model].pivot_table(
             index="optimised", columns="scored", values="gain"
         )
         table = table.reindex(index=list(names.ACCOUNTINGS), columns=list(names.ACCOUNTINGS))
         _heat(axes, 100.0 * table.to_numpy(float), largest)
-        axes.set_title(f"followers: {labels.FOLLOWER_MODELS[model]}", fontsize=SIZE, color=INK, loc="left")
+        axes.set_title(f"followers: {labels.scored_with(model)}", fontsize=SIZE, color=INK, loc="left")
         short = [labels.ACCOUNTING_NAMES[a].lower().replace(" ", "\n") for a in names.ACCOUNTINGS]
         axes.set_xticks(range(3), short)
         axes.set_yticks(range(3), short)

@@ -91,9 +91,11 @@ def render(template: str, context: Mapping[str, Any]) -> str:
 
 
 def without(page: str, missing: Iterable[str]) -> str:
-    """A page whose navigation does not lead to these files of ``PAGES``, which are not made."""
+    """A page that does not lead to these files of ``PAGES``, which are not made: in its text the words stay."""
     for file in missing:
-        page = re.sub(rf'^<a href="(\.\./)?{re.escape(file)}".*\n', "", page, flags=re.MULTILINE)
+        link = rf'<a href="(\.\./)?{re.escape(file)}"'
+        page = re.sub(rf"^{link}.*\n", "", page, flags=re.MULTILINE)
+        page = re.sub(rf"{link}[^>]*>(.*?)</a>", r"\2", page, flags=re.DOTALL)
     return page
 
 

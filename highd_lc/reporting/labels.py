@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from highd_lc.vocab import names
-from highd_lc.vocab.tables.studies import IDM, LCM, LCM_DRAWN
+from highd_lc.vocab.tables.studies import DRAWN, IDM_MOTORWAY
 from highd_lc.vocab.tracking import KINEMATIC, MULTI_BODY
 
 RECORDED: Final = "recorded"
@@ -141,10 +141,6 @@ QUANTITIES: Final = {
 """Quantities of ``summary_losses``."""
 
 
-FOLLOWER_MODELS: Final = {LCM: "as planned (LCM)", IDM: "IDM", LCM_DRAWN: "drawn LCM parameters"}
-"""Who the followers are when plans are scored."""
-
-
 _PREDICTORS: Final = {
     RECORDED: "recorded",
     names.CONSTANT_SPEED: "constant speed",
@@ -156,6 +152,7 @@ _PREDICTORS: Final = {
     names.IDM: "IDM",
     names.POPULATION: "population",
 }
+_SECOND_OPINIONS: Final = {IDM_MOTORWAY: "IDM, motorway", DRAWN: "drawn parameters"}
 _SUFFIX: Final = {"+": "with", "-": "without"}
 _BORROWED: Final = (
     names.LOCAL_OPTIMUM,
@@ -179,6 +176,11 @@ def follower_model(name: str) -> str:
         f" {_SUFFIX[sign]} {part.replace('_', ' ')}" for sign, part in zip(parts[::2], parts[1::2], strict=True)
     )
     return _PREDICTORS[base] + "".join(suffixes)
+
+
+def scored_with(name: str) -> str:
+    """Who the followers are when plans are scored: a follower model, or a second opinion."""
+    return _SECOND_OPINIONS.get(name) or follower_model(name)
 
 
 def in_order(models: Iterable[str]) -> list[str]:

@@ -38,6 +38,8 @@ _MATRIX_COLUMNS: Final = (
     percentage("share_worse", "Worse", 1),
     percentage("share_worst_follower_worse", "Some follower loses", 1),
 )
+_FOLLOWERS: Final = Column("followers_label", "Followers")
+_SEVERAL: Final = " First the follower model that plans every event, then others on a sample of the events."
 _MATRIX_LEAD: Final = (
     "How much lower the total loss of AV and followers is under the local optimum than under the benchmark, "
     "which minimises the AV's loss alone. Gain = 1 − ratio of the sums over all events; the interval is a "
@@ -50,7 +52,7 @@ _MATRIX_LEAD: Final = (
 
 
 def matrix_page(matrix: pd.DataFrame, first: Sequence[Section] = ()) -> str:
-    """The validation matrix: form x accounting, then by stratum.
+    """The validation matrix: form x accounting, then by stratum for the default follower model.
 
     matrix: ``validation_matrix``; first: what stands in front.
     """
@@ -59,33 +61,44 @@ def matrix_page(matrix: pd.DataFrame, first: Sequence[Section] = ()) -> str:
 
 
 def with_labels(matrix: pd.DataFrame) -> pd.DataFrame:
-    """The matrix in the order of forms and accountings, with columns form_label and accounting_label."""
+    """The matrix in the order of follower models, forms and accountings, with columns form_label, accounting_label
+    and followers_label.
+    """
     order = {a: k for k, a in enumerate((names.EQUAL, names.FOLLOWER_HORIZON, names.PAPER))}
     form = matrix["form"].map({f: k for k, f in enumerate(labels.FORMS)})
+    models = matrix["followers"].map({m: k for k, m in enumerate(dict.fromkeys(matrix["followers"]))})
     labelled = matrix.assign(
         form_label=matrix["form"].map(labels.FORMS),
         accounting_label=matrix["accounting"].map(labels.ACCOUNTING_NAMES),
+        followers_label=matrix["followers"].map(labels.follower_model),
+        _models=models,
         _form=form,
         _accounting=matrix["accounting"].map(order),
     )
-    return labelled.sort_values(["_form", "_accounting"], kind="stable")
+    return labelled.sort_values(["_models", "_form", "_accounting"], kind="stable")
 
 
 def matrix_section(matrix: pd.DataFrame) -> Section:
-    """Form x accounting over all events: figure and table. matrix: as ``with_labels`` gives it."""
+    """Form x accounting over all events, for each follower model: figure and table.
+
+    matrix: as ``with_labels`` gives it.
+    """
     whole = matrix[matrix["stratum"] == ALL]
+    several = len(set(whole["followers"])) > 1
     figure = html.inline_svg(figures.matrix_figure(matrix), _matrix_words(whole))
     return Section(
         "All events",
         figure=figure,
-        caption="Dot: gain of the total, with its interval; bar: of the AV alone; cross: of the followers alone.",
-        tables=(table_view(whole, _MATRIX_COLUMNS),),
+        caption="Dot: gain of the total, with its interval; bar: of the AV alone; cross: of the followers alone."
+        + _SEVERAL * several,
+        tables=(table_view(whole, (*((_FOLLOWERS,) if several else ()), *_MATRIX_COLUMNS)),),
     )
 
 
 def _matrix_words(whole: pd.DataFrame) -> str:
+    several = len(set(whole["followers"])) > 1
     cells = [
-        f"{row.form_label}, {row.accounting_label}: {html.percent(row.gain)}"
+        f"{f'{row.followers_label}, ' * several}{row.form_label}, {row.accounting_label}: {html.percent(row.gain)}"
         for row in whole.itertuples(index=False)
     ]
     return "Gain of the local optimum by form and accounting. " + "; ".join(cells)
@@ -93,7 +106,8 @@ def _matrix_words(whole: pd.DataFrame) -> str:
 
 def _matrix_sections(matrix: pd.DataFrame) -> Iterator[Section]:
     yield matrix_section(matrix)
-    strata = matrix[matrix["stratum"] != ALL]
+    default = matrix["followers"] == next(iter(matrix["followers"]), "")
+    strata = matrix[(matrix["stratum"] != ALL) & default]
     strata = strata.assign(stratum_label=strata["stratum"].map(labels.stratum))
     columns = (Column("stratum_label", "Stratum"), *_MATRIX_COLUMNS[2:])
     for key, rows in strata.groupby(["form", "accounting"], sort=False):

@@ -78,7 +78,8 @@ _ACCOUNTING: Final = Column("accounting_label", "Accounting")
 def _cross_sections(scores: pd.DataFrame) -> Iterator[Section]:
     text = (
         "Gain in %: plans made under one accounting (rows) scored under each (columns), with the followers as "
-        "planned, driven by another model (IDM), or with parameters drawn within the fits' spread.",
+        "planned, driven by another model, or with parameters drawn within their spread. Events in which somebody "
+        "drives through another then are counted as contacts, and are in no sum.",
     )
     for form in (*names.FORMS, *names.START_FORMS):
         rows = scores[scores["form"] == form]
@@ -87,17 +88,20 @@ def _cross_sections(scores: pd.DataFrame) -> Iterator[Section]:
         table = rows.assign(
             optimised_label=rows["optimised"].map(labels.ACCOUNTING_NAMES),
             scored_label=rows["scored"].map(labels.ACCOUNTING_NAMES),
-            followers_label=rows["followers"].map(labels.FOLLOWER_MODELS),
+            planned_label=rows["planned_with"].map(labels.follower_model),
+            followers_label=rows["scored_with"].map(labels.scored_with),
         )
         columns = (
             Column("optimised_label", "Optimised under"),
             Column("scored_label", "Scored under"),
+            *([Column("planned_label", "Planned with")] if len(set(rows["planned_with"])) > 1 else []),
             Column("followers_label", "Followers"),
             *_GAINS,
             Column("touching", "Touching after T", digits=0),
         )
         title = f"Scored under what was not optimised: {labels.FORMS[form].lower()}"
-        figure = html.inline_svg(figures.cross_figure(rows), f"{title}. The table holds the numbers.")
+        default = rows[rows["planned_with"] == rows["planned_with"].iloc[0]]
+        figure = html.inline_svg(figures.cross_figure(default), f"{title}. The table holds the numbers.")
         yield Section(
             title, text, figure, folded=(table_view(table, columns, "All numbers"),), anchor=f"cross-{form}"
         )

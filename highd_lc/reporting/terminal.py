@@ -26,7 +26,8 @@ def matrix_table(matrix: pd.DataFrame) -> Table:
         else "gain = 1 - ratio of the summed total losses; interval: bootstrap over recordings; "
         "inf. = no feasible plan; better, worse: share of events",
     )
-    for heading in ("form", "accounting"):
+    several = len(set(matrix["followers"])) > 1
+    for heading in (*(("followers",) if several else ()), "form", "accounting"):
         table.add_column(heading, no_wrap=True)
     for heading in ("events", "inf.", "gain", "interval", "HV", "AV", "better", "worse"):
         table.add_column(heading, justify="right", no_wrap=True)
@@ -35,9 +36,8 @@ def matrix_table(matrix: pd.DataFrame) -> Table:
         shares = (row.gain_hv, row.gain_av, row.share_better, row.share_worse)
         interval = _interval(row.gain_low, row.gain_high)
         counts = (str(row.n_events), str(row.infeasible))
-        table.add_row(
-            row.form, row.accounting, *counts, _percent(row.gain), interval, *(_percent(s, 1) for s in shares)
-        )
+        about = (row.followers, row.form, _SHORT[row.accounting]) if several else (row.form, row.accounting)
+        table.add_row(*about, *counts, _percent(row.gain), interval, *(_percent(s, 1) for s in shares))
     return table
 
 

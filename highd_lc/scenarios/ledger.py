@@ -61,8 +61,6 @@ def printed_scene(settings: ScenarioSettings, v_av: float) -> Scene:
     state, vehicle = settings.scenario_3, settings.vehicle
     samples, p = round(settings.options.horizon_s / vehicle.dt_s) + 1, len(state.spacings_m)
     v = v_av + np.array(state.speed_differences)
-    nothing = np.full(samples, np.nan)
-    unseen = Motion(nothing, nothing, nothing, nothing, vehicle.length_m, vehicle.width_m, 0)
     followers = Followers(
         x=-np.array(state.spacings_m),
         y=np.full(p, vehicle.lateral_shift_m),
@@ -71,7 +69,7 @@ def printed_scene(settings: ScenarioSettings, v_av: float) -> Scene:
         width=np.full(p, vehicle.width_m),
         parameters=np.tile(TABLE3_MEANS.as_array(), (p, 1)),
         L_no_change=TABLE3_MEANS.L,
-        recorded=(unseen,) * p,
+        recorded=(),
     )
     ahead = state.target_gap_m + vehicle.length_m - state.spacings_m[0]
     slower = v_av - state.origin_leader_difference
@@ -84,6 +82,7 @@ def printed_scene(settings: ScenarioSettings, v_av: float) -> Scene:
         v_av,
         followers=followers,
         vehicle=vehicle,
+        horizon=settings.options.horizon_s,
         target_leader=steady(ahead, vehicle.lateral_shift_m, float(v[0])),
         origin_leader=steady(state.origin_leader_ahead_m, 0.0, slower),
     )

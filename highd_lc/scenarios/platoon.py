@@ -16,7 +16,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from highd_lc.core.drive import UNBOUNDED, advance, hardest_braking, lcm_command
-from highd_lc.planning.scene import Followers, Human, Motion, Scene
+from highd_lc.planning.scene import Followers, Motion, Scene
 from highd_lc.vocab.driver import SIMULATION
 from highd_lc.vocab.errors import ShapeError
 from highd_lc.vocab.scenarios import PlatoonSettings, ScenarioOptions, ScenarioSettings, VehicleSettings
@@ -298,10 +298,15 @@ def scene_of(posed: Situation) -> Scene:
         width=np.full(p, vehicle.width_m),
         parameters=posed.start.parameters[:p],
         L_no_change=float(posed.start.parameters[0, 5]),
-        recorded=tuple(_never_recorded(samples, vehicle) for _ in range(p)),
+        recorded=(),
     )
     return simulated_scene(
-        posed.key, posed.v_av, followers=followers, vehicle=vehicle, target_leader=_leader_motion(posed, samples)
+        posed.key,
+        posed.v_av,
+        followers=followers,
+        vehicle=vehicle,
+        horizon=posed.options.horizon_s,
+        target_leader=_leader_motion(posed, samples),
     )
 
 
@@ -311,11 +316,11 @@ def simulated_scene(
     *,
     followers: Followers,
     vehicle: VehicleSettings,
+    horizon: float,
     target_leader: Motion | None = None,
     origin_leader: Motion | None = None,
 ) -> Scene:
-    """A scene that nobody recorded: the human's motion is one standing sample, which no plan looks at."""
-    still = np.zeros(1)
+    """A scene that nobody recorded: there is no human. v_av [m/s]; horizon: H [s]."""
     return Scene(
         event_id=f"scenario {key}",
         v0=v_av,
@@ -325,11 +330,11 @@ def simulated_scene(
         width=vehicle.width_m,
         wheelbase=vehicle.wheelbase_m,
         dt=vehicle.dt_s,
+        horizon=horizon,
         target_leader=target_leader,
         origin_leader=origin_leader,
         origin_follower=None,
         followers=followers,
-        human=Human(still, still, still, still, still, still, still, still, 0, 0.0),
     )
 
 
@@ -354,8 +359,3 @@ def _leader_motion(posed: Situation, samples: int) -> Motion | None:
     return steady_motion(
         posed.leader_front, lateral, v=posed.platoon_speed, samples=samples, vehicle=posed.vehicle
     )
-
-
-def _never_recorded(samples: int, vehicle: VehicleSettings) -> Motion:
-    nothing = np.full(samples, np.nan)
-    return Motion(nothing, nothing, nothing, nothing, vehicle.length_m, vehicle.width_m, 0)

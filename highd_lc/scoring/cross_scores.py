@@ -1,4 +1,4 @@
-"""Followers' losses of a given motion of the AV under other drivers: drawn LCM parameters, or the IDM.
+"""Followers' losses of a given motion of the AV under other drivers: drawn parameters, or the IDM.
 
 The chain of followers drives behind the target leader. One of them has the AV ahead instead from some sample on:
 the first one from t_start, or whoever is behind the gap that an AV chose with its start. If that one goes ahead
@@ -12,14 +12,26 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from highd_lc.core.drive import idm_step, lcm_step
-from highd_lc.core.idm import MOTORWAY, IdmParameters
+from highd_lc.core.drive import (
+    IDM,
+    LCM,
+    NO_COMMAND,
+    UNBOUNDED,
+    advance,
+    bounded,
+    credited,
+    family_command,
+    follower_command,
+    jump,
+    remembered,
+)
+from highd_lc.core.idm import MOTORWAY
 from highd_lc.core.kernels import UNALIASED
 from highd_lc.core.losses import cumulative_comfort, cumulative_efficiency
 from highd_lc.planning.candidates import LossTerms
 from highd_lc.planning.contacts import NO_CONTACT
-from highd_lc.planning.replay import AvMotion, Entry
-from highd_lc.planning.scene import PackedScene
+from highd_lc.planning.replay import AvMotion, Entry, joins
+from highd_lc.planning.scene import BARE_LCM, FAMILY, MEMORY, MOMENT, PackedScene
 from highd_lc.vocab.driver import REPLAY_L_BOUNDS
 
 FloatArray = NDArray[np.float64]
@@ -62,20 +74,27 @@ class Joining(NamedTuple):
 
 def joining(av: AvMotion, scene: PackedScene, entry: Entry | None) -> Joining:
     """How the AV of a replay joins. entry: as in ``Replay``."""
-    crossing = av.crossing if scene.from_crossing else 0
     if entry is None:
-        return Joining(0, crossing, -1, av.crossing, scene.target_front, scene.target_v)
+        return Joining(0, joins(av, scene), -1, av.crossing, scene.target_front, scene.target_v)
     handed = -1 if entry.hand_over is None else entry.hand_over
-    since = max(crossing, handed)
+    since = max(joins(av, scene, max(entry.place - 1, 0)), handed)
     return Joining(entry.place - 1, since, handed, av.crossing, entry.target_front, entry.target_v)
 
 
-def lcm_followers(
+# Rows of a scratch with a column for each set of drivers: losses, a vehicle on its way (front, speed, command),
+# its L, and what it credits of its change of leader (spacing, speed).
+LOSS, FRONT, SPEED, COMMAND, SPACING, JUMP, V_JUMP = range(7)
+_ROWS = 7
+_MOTORWAY = np.array([MOTORWAY.v_desire, MOTORWAY.A, MOTORWAY.b, MOTORWAY.b, MOTORWAY.T, MOTORWAY.s0])
+
+
+def drawn_followers(
     av: AvMotion, scene: PackedScene, terms: LossTerms, parameters: FloatArray, entry: Entry | None = None
 ) -> Charged:
-    """The followers' aggregated loss for each of K sets of LCM parameters, shape (K, p, 6).
+    """The followers' aggregated loss for each of K sets of their model's parameters, shape (K, p, 6).
 
-    L of a follower behind the one before, or behind the AV, moves with its own L. entry: as in ``Replay``.
+    How they react is the scene's. L of a follower behind the one before, or behind the AV, moves with its own L.
+    entry: as in ``Replay``.
     """
     count = len(parameters)
     out = Charged(np.zeros(count), np.zeros(count), np.full(count, NO_CONTACT), av.n)
@@ -83,7 +102,7 @@ def lcm_followers(
     drivers = np.ascontiguousarray(parameters.transpose(1, 2, 0)).reshape(len(scene.follower_x), -1)
     before, behind_av = _moved_lengths(parameters, scene, joined.follower)
     ends = out.to_T, out.to_H, out.contact
-    _drive_lcm(av.x + scene.length / 2.0, av.vx, joined, av.n, scene, terms, drivers, before, behind_av, *ends)
+    _drive(av.x + scene.length / 2.0, av.vx, joined, av.n, scene, terms, drivers, before, behind_av, *ends)
     return out
 
 
@@ -94,17 +113,20 @@ def _moved_lengths(parameters: FloatArray, scene: PackedScene, follower: int) ->
     """
     before = parameters[:, :, 5].T.copy()
     before[0] += scene.first_L - scene.parameters[0, 5]
-    if follower <= 0:
-        return before, parameters[:, 0, 5].copy()
+    if follower <= 0 or scene.reactions[follower, FAMILY] != LCM:
+        return before, parameters[:, max(follower, 0), 5].copy()
     moved = parameters[:, follower, 5] - scene.follower_length[follower - 1] + scene.length
     return before, np.clip(moved, *REPLAY_L_BOUNDS)
 
 
 def idm_followers(av: AvMotion, scene: PackedScene, terms: LossTerms, entry: Entry | None = None) -> Charged:
     """The followers' aggregated loss if all of them drive by the IDM on a motorway; shape (1,)."""
-    joined = joining(av, scene, entry)
-    to_T, to_H, contact = _drive_idm(av.x + scene.length / 2.0, av.vx, joined, av.n, scene, terms, MOTORWAY)
-    return Charged(np.array([to_T]), np.array([to_H]), np.array([contact]), av.n)
+    reactions = scene.reactions.copy()
+    reactions[:, FAMILY:MOMENT] = float(IDM), *BARE_LCM[MEMORY:]
+    drivers = np.tile(_MOTORWAY, (1, len(reactions), 1))
+    hardest = min(scene.hardest, MOTORWAY.hardest)
+    same = scene._replace(reactions=reactions, parameters=drivers[0], first_L=MOTORWAY.s0, hardest=hardest)
+    return drawn_followers(av, same, terms, drivers, entry)
 
 
 def av_charged(av: AvMotion, terms: LossTerms) -> tuple[float, float]:
@@ -117,8 +139,54 @@ def av_charged(av: AvMotion, terms: LossTerms) -> tuple[float, float]:
     return float(loss[av.n]), float(loss[-1])
 
 
+@njit(inline="always")
+def _step(
+    k: int,
+    family: int,
+    reacts: bool,
+    own: FloatArray,
+    length: float,
+    share: float,
+    reaction: tuple[float, float, float, float],
+    charge: tuple[float, float, float, float],
+    dt: float,
+    hardest: float,
+    state: FloatArray,
+    front: FloatArray,
+    speed: FloatArray,
+) -> None:
+    """A follower's step at sample k, of all K sets. family, reacts: constants where this is inlined.
+
+    own: parameters (6 K,); share: of the jump that is still credited; reaction: m, a_0, drift, need; charge:
+    weight of a step of the command, of a speed difference, the reference speed, 0 where only the shortfall counts.
+    """
+    K = len(own) // 6
+    m, a_0, drift, need = reaction
+    counted, efficiency, ref, both_sides = charge
+    for w in range(K):
+        x, v = state[FRONT * K + w], state[SPEED * K + w]
+        spacing, v_leader = front[k * K + w] - x, speed[k * K + w]
+        v_desire, A, b, B, tau = own[w], own[K + w], own[2 * K + w], own[3 * K + w], own[4 * K + w]
+        L = state[SPACING * K + w]
+        if reacts:
+            credit, v_credit = share * state[JUMP * K + w], share * state[V_JUMP * K + w]
+            a = follower_command(
+                family, v, spacing, v_leader, length, v_desire, A, b, B, tau, L,
+                credit, v_credit, m, a_0, drift, need, hardest,
+            )  # fmt: skip
+        else:
+            a = bounded(family_command(family, v, spacing, v_leader, length, v_desire, A, b, B, tau, L), hardest)
+        later, faster = advance(x, v, a, dt)
+        short = ref - v
+        state[LOSS * K + w] += counted * abs(a - state[COMMAND * K + w]) + efficiency * max(
+            short, -both_sides * short
+        )
+        front[k * K + w], speed[k * K + w] = x, v
+        state[FRONT * K + w], state[SPEED * K + w], state[COMMAND * K + w] = later, faster, a
+
+
 @njit(cache=True, nogil=True, fastmath={"contract", "arcp"}, error_model="numpy", **UNALIASED)
-def _drive_lcm(
+def _drive(
     av_front: FloatArray,
     av_v: FloatArray,
     joined: Joining,
@@ -136,58 +204,77 @@ def _drive_lcm(
 
     contact (K,) is lowered to the first sample of a contact.
 
-    drivers: shape (p, 6 K), parameter by parameter. Sets are innermost, so that LLVM vectorises the LCM.
+    drivers: shape (p, 6 K), parameter by parameter. Sets are innermost, so that LLVM vectorises the step.
     """
     K, samples, dt = len(to_T), len(av_v), scene.dt
     front, speed = np.empty(samples * K), np.empty(samples * K)
     for k in range(samples):
         front[k * K : (k + 1) * K], speed[k * K : (k + 1) * K] = joined.target_front[k], joined.target_v[k]
     rear = front - scene.target_length
-    state = np.empty(5 * K)
+    state, old, old_v = np.empty(_ROWS * K), np.empty(K), np.empty(K)
     both_sides = 0.0 if terms.one_sided else 1.0
     for i in range(len(scene.follower_x)):
+        family, memory, relaxation, need, a_0, drift, _ = scene.reactions[i]
         ref, own, joins = terms.hv_ref[i], drivers[i], i == joined.follower
+        relaxes = joins and relaxation > 0.0 and joined.since < samples
+        reacts = memory > 0.0 or drift != 0.0 or need < UNBOUNDED or relaxes
+        since, length = 0, scene.follower_length[i - 1] if i else scene.target_length
         if joins:
+            since = joined.since
             _enter(joined.crossing, av_front, scene.length, rear, contact)
-            for k in range(joined.since, samples):
+            if relaxes:
+                old[:], old_v[:] = front[since * K : (since + 1) * K], speed[since * K : (since + 1) * K]
+            for k in range(since, samples):
                 front[k * K : (k + 1) * K], speed[k * K : (k + 1) * K] = av_front[k], av_v[k]
         for w in range(K):
-            state[w] = 0.0
-            state[K + w] = scene.follower_x[i] + scene.follower_length[i] / 2.0
-            state[2 * K + w] = scene.follower_v[i]
-            state[3 * K + w] = 0.0
-            state[4 * K + w] = before_L[i, w]
+            state[LOSS * K + w] = 0.0
+            state[FRONT * K + w] = scene.follower_x[i] + scene.follower_length[i] / 2.0
+            state[SPEED * K + w] = scene.follower_v[i]
+            state[COMMAND * K + w] = 0.0
+            state[SPACING * K + w] = before_L[i, w]
+            state[JUMP * K + w], state[V_JUMP * K + w] = 0.0, 0.0
         for k in range(samples):
-            if joins and k == joined.since:
-                state[4 * K : 5 * K] = behind_av_L
+            if joins and k == since:
+                state[SPACING * K : (SPACING + 1) * K] = behind_av_L
+                length = scene.length
+            if relaxes and k == since:
+                for w in range(K):
+                    x, v = state[FRONT * K + w], state[SPEED * K + w]
+                    state[JUMP * K + w], state[V_JUMP * K + w] = jump(
+                        family, v, front[k * K + w] - x, speed[k * K + w], old[w] - x, old_v[w],
+                        own[2 * K + w], own[3 * K + w], own[4 * K + w], behind_av_L[w],
+                    )  # fmt: skip
             counted = 0.0 if k == 0 or (joins and k == joined.uncounted) else terms.comfort / dt
-            for w in range(K):
-                x, v = state[K + w], state[2 * K + w]
-                a, later, faster = lcm_step(
-                    x,
-                    v,
-                    front[k * K + w],
-                    speed[k * K + w],
-                    own[w],
-                    own[K + w],
-                    own[2 * K + w],
-                    own[3 * K + w],
-                    own[4 * K + w],
-                    state[4 * K + w],
-                    scene.hardest,
+            charge = (counted, terms.efficiency, ref, both_sides)
+            share = credited((k - since) * dt, relaxation) if relaxes else 0.0
+            reaction = (remembered(scene.clock + k * dt, memory), a_0, drift, need)
+            if family == LCM and not reacts:
+                _step(k, LCM, False, own, length, share, reaction, charge, dt, scene.hardest, state, front, speed)
+            elif family == LCM:
+                _step(k, LCM, True, own, length, share, reaction, charge, dt, scene.hardest, state, front, speed)
+            elif family == IDM:
+                _step(k, IDM, True, own, length, share, reaction, charge, dt, scene.hardest, state, front, speed)
+            else:
+                _step(
+                    k,
+                    NO_COMMAND,
+                    True,
+                    own,
+                    length,
+                    share,
+                    reaction,
+                    charge,
                     dt,
+                    scene.hardest,
+                    state,
+                    front,
+                    speed,
                 )
-                short = ref - v
-                state[w] += counted * abs(a - state[3 * K + w]) + terms.efficiency * max(
-                    short, -both_sides * short
-                )
-                front[k * K + w], speed[k * K + w] = x, v
-                state[K + w], state[2 * K + w], state[3 * K + w] = later, faster, a
             if k == n:
                 for w in range(K):
-                    to_T[w] += terms.weights[i] * state[w]
+                    to_T[w] += terms.weights[i] * state[LOSS * K + w]
         for w in range(K):
-            to_H[w] += terms.weights[i] * state[w]
+            to_H[w] += terms.weights[i] * state[LOSS * K + w]
         _meet(front, rear, contact)
         rear[:] = front - scene.follower_length[i]
     if not scene.asks_all:
@@ -212,43 +299,3 @@ def _meet(front: FloatArray, rear: FloatArray, contact: IntArray) -> None:
     for at in range(len(front)):
         if front[at] > rear[at]:
             contact[at % K] = min(contact[at % K], at // K)
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _drive_idm(
-    av_front: FloatArray,
-    av_v: FloatArray,
-    joined: Joining,
-    n: int,
-    scene: PackedScene,
-    terms: LossTerms,
-    driver: IdmParameters,
-) -> tuple[float, float, int]:
-    """The followers' loss to T and to H when all are the same IDM driver, and the first sample of a contact;
-    conventions of ``replay.follow``.
-    """
-    dt, to_T, to_H = scene.dt, 0.0, 0.0
-    front, speed = joined.target_front.copy(), joined.target_v.copy()
-    rear, contact = front - scene.target_length, np.full(1, NO_CONTACT)
-    for i in range(len(scene.follower_x)):
-        joins = i == joined.follower
-        if joins:
-            _enter(joined.crossing, av_front, scene.length, rear, contact)
-            front[joined.since :], speed[joined.since :] = av_front[joined.since :], av_v[joined.since :]
-        x, v = scene.follower_x[i] + scene.follower_length[i] / 2.0, scene.follower_v[i]
-        ahead, before, loss = scene.target_length if i == 0 else scene.follower_length[i - 1], 0.0, 0.0
-        for k in range(len(av_v)):
-            length = scene.length if joins and k >= joined.since else ahead
-            a, later, faster = idm_step(x, v, front[k] - length, speed[k], driver, scene.hardest, dt)
-            short = terms.hv_ref[i] - v
-            loss += terms.efficiency * (max(short, 0.0) if terms.one_sided else abs(short))
-            if k > 0 and not (joins and k == joined.uncounted):
-                loss += terms.comfort / dt * abs(a - before)
-            if k == n:
-                to_T += terms.weights[i] * loss
-            front[k], speed[k], before = x, v, a
-            x, v = later, faster
-        to_H += terms.weights[i] * loss
-        _meet(front, rear, contact)
-        rear[:] = front - scene.follower_length[i]
-    return to_T, to_H, contact[0] if scene.asks_all else NO_CONTACT

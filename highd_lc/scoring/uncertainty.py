@@ -201,7 +201,7 @@ def rescore(problem: PlanningProblem, plan: Plan, draws: FloatArray) -> Charged:
     if plan.replay is None:
         nothing = np.full(len(draws), np.nan)
         return Charged(nothing, nothing, np.full(len(draws), NO_CONTACT), 0)
-    return cross_scores.lcm_followers(plan.replay.av, problem.packed, problem.terms, draws, plan.replay.entry)
+    return cross_scores.drawn_followers(plan.replay.av, problem.packed, problem.terms, draws, plan.replay.entry)
 
 
 def av_loss(problem: PlanningProblem, plan: Plan) -> tuple[float, float]:

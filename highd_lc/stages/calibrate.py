@@ -29,6 +29,7 @@ from highd_lc.stages.scenes import RecordedFollower, read_scene_tables, recorded
 from highd_lc.vocab import names
 from highd_lc.vocab.driver import PARAMETERS, TABLE3_MEANS
 from highd_lc.vocab.job import Combination, Job, JobReport
+from highd_lc.vocab.settings import Settings
 from highd_lc.vocab.tables import TABLES
 
 STAGE = "calibrate"
@@ -46,15 +47,11 @@ def run(job: Job) -> JobReport:
     Who cannot be fitted carries the published means here; ``combine`` gives him a pool's driver.
     """
     fits, tracks = [], []
-    hardest = hardest_braking(job.settings.validation.followers.b_max)
     for follower in recorded_followers(job.work, job.recording):
-        seed = follower_seed(job.settings.seed, follower.event_id, follower.rank)
-        fit = unfitted(0, NO_LEADER)
-        if follower.track is not None:
-            fit = fit_follower(follower.track, job.settings.calibrate, seed=seed, hardest=hardest)
-        about = {"event_id": follower.event_id, "recording_id": follower.recording_id, "follower": follower.rank}
-        fits.append(about | _follower_row(follower, fit, job) | {"seed": seed})
+        fit, row = fit_row(follower, job.settings)
+        fits.append(row)
         if not fit.reason and follower.track is not None:
+            about = {name: row[name] for name in ("event_id", "recording_id", "follower")}
             tracks.append(about | track_row(follower.track))
     followers = _frame("followers", fits)
     responses = _responses(job, followers)
@@ -70,10 +67,21 @@ def run(job: Job) -> JobReport:
     return JobReport({"fitted": len(tracks), "not fitted": len(fits) - len(tracks)})
 
 
+def fit_row(follower: RecordedFollower, settings: Settings) -> tuple[FollowerFit, Row]:
+    """A follower's fit, and its columns of ``followers``; the published means where there is none."""
+    seed = follower_seed(settings.seed, follower.event_id, follower.rank)
+    fit = unfitted(0, NO_LEADER)
+    if follower.track is not None:
+        hardest = hardest_braking(settings.validation.followers.b_max)
+        fit = fit_follower(follower.track, settings.calibrate, seed=seed, hardest=hardest)
+    about = {"event_id": follower.event_id, "recording_id": follower.recording_id, "follower": follower.rank}
+    return fit, about | _follower_row(follower, fit, settings) | {"seed": seed}
+
+
 def _responses(job: Job, followers: pd.DataFrame) -> pd.DataFrame:
     """What the recording's followers did behind the lane changers."""
     settings = job.settings.validation
-    tables = read_scene_tables(job.work, job.recording, settings.planner, fits=followers)
+    tables = read_scene_tables(job.work, job.recording, settings, fits=followers)
     about = artefacts.read(job.work, "recordings", recording=job.recording)
     location = int(about["location_id"].iloc[0]) if len(about) else 0
     rows = response_rows(tables, settings, Drifts(tables.vehicles), location=location)
@@ -84,7 +92,7 @@ def _frame(name: str, rows: list[Row]) -> pd.DataFrame:
     return pd.DataFrame(rows, columns=list(TABLES[name].column_names), dtype=None if rows else object)
 
 
-def _follower_row(follower: RecordedFollower, fit: FollowerFit, job: Job) -> Row:
+def _follower_row(follower: RecordedFollower, fit: FollowerFit, settings: Settings) -> Row:
     row = {
         "vehicle_id": follower.vehicle_id,
         "class": follower.vehicle_class,
@@ -94,7 +102,7 @@ def _follower_row(follower: RecordedFollower, fit: FollowerFit, job: Job) -> Row
     if fit.reason:
         return row | _published() | {"status": names.TABLE3, "reason": fit.reason}
     L_replay = moved_behind(float(fit.parameters[-1]), follower.leader_length, follower.replay_leader_length)
-    method = method_name(job.settings.calibrate)
+    method = method_name(settings.calibrate)
     return row | _fit_columns(fit) | {"L_replay": L_replay, "status": names.FITTED, "reason": "", "method": method}
 
 

@@ -22,7 +22,7 @@ from highd_lc.drivers.calibration import RecordedMotion, following_track
 from highd_lc.io import artefacts
 from highd_lc.planning import planner
 from highd_lc.planning.planner import FORM_OF, PlanningProblem
-from highd_lc.planning.replay import AvMotion, drive_on, follow, human_motion, plan_motion
+from highd_lc.planning.replay import AvMotion, box_centre, drive_on, follow, human_motion, joins, plan_motion
 from highd_lc.planning.scene import Motion, PackedScene, Scene, leaders_of
 from highd_lc.planning.start_planner import FORM_OF_START, key_of, replay_start
 from highd_lc.planning.starts import Key, StartProblem, pose_starts
@@ -39,7 +39,8 @@ from highd_lc.reporting.event import (
     Surface,
     TrackTrace,
 )
-from highd_lc.stages.scenes import Columns, SceneTables, read_scene_tables
+from highd_lc.stages.scene_drivers import Columns
+from highd_lc.stages.scenes import SceneTables, read_scene_tables
 from highd_lc.tracking.closed_loop import Controller, controller, errors_and_inputs
 from highd_lc.tracking.plan_tracking import plan_reference
 from highd_lc.vocab import names
@@ -172,7 +173,7 @@ def policy_plays(problem: PlanningProblem, plans: Iterable[Row]) -> Iterator[Pla
                 run = _delayed(posed, key_of(posed, gap, delay_s), v_start, *shape)
             else:
                 run = _replayed(problem, policy, *shape)
-            driven[motion] = _play(problem, policy, *run, delay_s=delay_s)
+            driven[motion] = play_of(problem, policy, *run, delay_s=delay_s)
         yield replace(driven[motion], policy=policy, accountings=tuple(accountings))
 
 
@@ -201,7 +202,7 @@ def _replayed(problem: PlanningProblem, policy: str, T: float, x_final: float, v
         av, *followers = planner.unchanged_motion(problem)
         return av, (followers[0], followers[1], followers[2])
     if policy == names.HUMAN:
-        return _driven(human_motion(problem.scene.human, problem.packed), problem.packed)
+        return _driven(human_motion(problem.scene.driver, problem.packed), problem.packed)
     quintic = Quintic(v0=problem.scene.v0, D=problem.scene.lateral_shift, T=T, x_final=x_final, v_end=v_end)
     return _driven(plan_motion(quintic, problem.packed), problem.packed)
 
@@ -210,11 +211,12 @@ def _driven(av: AvMotion, scene: PackedScene) -> Driven:
     # As ``replay`` does, but without the clearances, which stand in the tables and take most of its time.
     drive_on(av.x, av.y, av.vx, av.ax, av.jerk, av.free_from, scene)
     x, v, a = (np.empty((len(scene.follower_x), len(av.x))) for _ in range(3))
-    follow(av.x + scene.length / 2.0, av.vx, av.crossing if scene.from_crossing else 0, scene, x, v, a)
+    follow(av.x + scene.length / 2.0, av.vx, joins(av, scene), scene, x, v, a)
     return av, (x, v, a)
 
 
-def _play(problem: PlanningProblem, policy: str, av: AvMotion, followers: Three, *, delay_s: float) -> Play:
+def play_of(problem: PlanningProblem, policy: str, av: AvMotion, followers: Three, *, delay_s: float) -> Play:
+    """What happens under a policy, by box centres. followers: their x, v and a."""
     scene = problem.scene
     stays = policy == names.NO_LANE_CHANGE
     levels = (np.full(len(av.x), y) for y in scene.followers.y)
@@ -231,14 +233,9 @@ def _play(problem: PlanningProblem, policy: str, av: AvMotion, followers: Three,
 
 
 def _ego(av: AvMotion, scene: Scene, *, at_rear_axle: bool) -> Path:
-    """The box centre's motion; a planned point is the rear axle, r = wheelbase / 2 behind (equations.md 2)."""
-    speed = np.hypot(av.vx, av.vy)
-    x, y = av.x, av.y
-    if at_rear_axle:
-        heading = np.arctan2(av.vy, av.vx)
-        r = scene.wheelbase / 2.0
-        x, y = x + r * (np.cos(heading) - 1.0), y + r * np.sin(heading)
-    return Path(x, y, speed, av.ax)
+    """The box centre's motion."""
+    x, y = box_centre(av, scene.wheelbase / 2.0 if at_rear_axle else 0.0)
+    return Path(x, y, np.hypot(av.vx, av.vy), av.ax)
 
 
 def surrounding(scene: Scene) -> dict[str, Motion]:
@@ -263,7 +260,9 @@ _READ: Final = ("plans", "losses", "tracking")
 
 @dataclass(frozen=True)
 class RecordingTables:
-    """What the artefacts hold of one recording; tracks by event and role, other rows by table and event."""
+    """What the artefacts hold of one recording; tracks by event and role, other rows by table and event; behind:
+    rows of ``trajectories`` behind the recorded ego, by event.
+    """
 
     scenes: SceneTables
     events: tuple[Row, ...]
@@ -272,15 +271,20 @@ class RecordingTables:
     directions: Mapping[int, int]
     markings: Mapping[int, FloatArray]
     rows: Mapping[str, Mapping[str, tuple[Row, ...]]]
+    behind: Mapping[str, pd.DataFrame]
     provenance: tuple[tuple[str, str], ...]
 
 
 def read_tables(job: Job) -> RecordingTables:
-    """Read everything that the pages of a recording's events show."""
-    scenes = read_scene_tables(job.work, job.recording, job.settings.validation.planner)
+    """Read everything that the pages of a recording's events show, of the default follower model."""
+    scenes = read_scene_tables(job.work, job.recording, job.settings.validation)
     roads = artefacts.read(job.work, "recordings", recording=job.recording)
     ids, directions = (scenes.vehicles[name].tolist() for name in ("vehicle_id", "driving_direction"))
-    rows = {name: _by_event(artefacts.read(job.work, name, recording=job.recording)) for name in _READ}
+    default = job.settings.validation.follower_models[0]
+    found = {name: artefacts.read(job.work, name, recording=job.recording) for name in _READ}
+    recorded = [("policy", "==", RECORDED)]
+    behind = artefacts.read_partition(job.work, "trajectories", job.recording, where=recorded)
+    rows = {name: _by_event(frame[frame["followers"] == default]) for name, frame in found.items()}
     events: list[Any] = scenes.events.to_dict("records")
     return RecordingTables(
         scenes=scenes,
@@ -290,6 +294,7 @@ def read_tables(job: Job) -> RecordingTables:
         directions=dict(zip(ids, directions, strict=True)),
         markings=dict(zip(roads["driving_direction"], roads["markings"], strict=True)),
         rows={**rows, "followers": _by_event(scenes.followers)},
+        behind={str(event): rows for event, rows in behind.groupby("event_id")},
         provenance=_provenance(job),
     )
 
@@ -347,14 +352,17 @@ def event_report(event: Row, tables: RecordingTables, scene: Scene, settings: Va
         surface=surface_of(problem, of_event["plans"]),
         provenance=tables.provenance,
         leads=leads(scene),
+        prediction=prediction_trace(tables.behind.get(event_id), settings.follower_models[0]),
     )
 
 
-def prediction_trace(trajectories: pd.DataFrame, default: str) -> PredictionTrace | None:
+def prediction_trace(trajectories: pd.DataFrame | None, default: str) -> PredictionTrace | None:
     """HV 1 behind the recorded lane changer, recorded and by each follower model, for an event's page.
 
     trajectories: an event's rows of that table; default: the model that plans. None if it holds no such rows.
     """
+    if trajectories is None:
+        return None
     rows = trajectories[trajectories["role"] == names.target_follower(1)]
     rows = rows[rows["policy"] == RECORDED]
     # The motion is one, whatever the accounting under which a row stands.

@@ -44,6 +44,9 @@ def run(job: Job) -> JobReport:
     """
     recording = read_recording(job.data, job.recording)
     quality, failed = _quality(recording, job)
+    if any(verdict.is_error for verdict in failed):
+        # Missing frames make other columns contradict each other as well: they are the cause to name.
+        _refuse_shreds(split_tracks(recording), job)
     _refuse(failed)
     if job.settings.ingest.remove_bias:
         recording = _without_bias(recording, quality)

@@ -28,7 +28,8 @@ from highd_lc.reporting.run_words import RunTables, nothing_said, run_in_short, 
 from highd_lc.stages.scenes import track_of
 from highd_lc.vocab import names
 from highd_lc.vocab.driver import PARAMETERS
-from highd_lc.vocab.settings import StatisticsSettings
+from highd_lc.vocab.studies import StatisticsSettings
+from highd_lc.vocab.tables import TABLES
 
 FloatArray = NDArray[np.float64]
 
@@ -42,27 +43,34 @@ class Overview:
     """What the overview pages of a run are made from.
 
     raw: recorded motion at full resolution; statistics: how the intervals and ties in the artefacts were made;
-    b_max: bound of the simulated followers' braking, as in the settings.
+    b_max: bound of the simulated followers' braking, as in the settings; model: the default follower model.
     """
 
     work: Path
     raw: bool
     statistics: StatisticsSettings
     b_max: float
+    model: str
 
     def read(self, *tables: str, columns: list[str] | None = None) -> dict[str, pd.DataFrame]:
-        """Finished artefacts by their names."""
-        return {name: artefacts.read(self.work, name, columns=columns) for name in tables}
+        """Finished artefacts by their names; of those that follower models made, the rows of the default one."""
+        return {name: self._read(name, columns) for name in tables}
+
+    def _read(self, name: str, columns: list[str] | None) -> pd.DataFrame:
+        if "followers" not in TABLES[name].column_names:
+            return artefacts.read(self.work, name, columns=columns)
+        frame = artefacts.read(self.work, name, columns=columns and [*columns, "followers"])
+        return frame[frame["followers"] == self.model].reset_index(drop=True)
 
     def losses(self) -> pd.DataFrame:
         """The losses without their terms."""
-        return artefacts.read(self.work, "losses", columns=[*_KEY, "loss_av", "loss_hv", "loss_total"])
+        return self._read("losses", [*_KEY, "loss_av", "loss_hv", "loss_total"])
 
     @cached_property
     def first(self) -> Section:
         """What stands in front of every gain: how far the followers can be believed."""
         return believed_section(
-            followers_believed(self.work), linked=PREDICTION_PAGE not in missing_pages(self.work)
+            followers_believed(self.work, self.model), linked=PREDICTION_PAGE not in missing_pages(self.work)
         )
 
 
@@ -83,16 +91,20 @@ def missing_pages(work: Path) -> tuple[str, ...]:
     return () if all(artefacts.path_of(work, n).is_file() for n in _PREDICTION) else (PREDICTION_PAGE,)
 
 
-def followers_believed(work: Path) -> tuple[str, ...]:
-    """How far the simulated followers of a run can be believed, in words (see ``reporting.follower_words``)."""
-    losses = artefacts.read(work, "losses", columns=[*_KEY, "loss_hv"])
+def followers_believed(work: Path, model: str) -> tuple[str, ...]:
+    """How far the simulated followers of a run can be believed, in words (see ``reporting.follower_words``).
+
+    model: the default follower model.
+    """
+    losses = artefacts.read(work, "losses", columns=[*_KEY, "followers", "loss_hv"])
+    losses = losses[losses["followers"] == model]
     known = not missing_pages(work)
     summary = artefacts.read(work, "prediction_summary") if known else None
     return followers_say(summary, effects_of(losses))
 
 
 def _index(overview: Overview) -> str:
-    plans = artefacts.read(overview.work, "plans", columns=[*_KEY, "status"])
+    (plans,) = overview.read("plans", columns=[*_KEY, "status"]).values()
     run, pages = _run_tables(overview), artefacts.read(overview.work, "event_pages")
     index = IndexTables(run.events, run.crossings, plans, run.losses, run.matrix, pages)
     return index_page(index, raw=overview.raw, says=run_in_short(run), believed=overview.first)
@@ -104,7 +116,7 @@ def _summary(overview: Overview) -> str:
         events=run.events,
         crossings=run.crossings,
         losses=run.losses,
-        matrix=run.matrix,
+        matrix=artefacts.read(overview.work, "validation_matrix"),
         recordings=run.recordings,
         pages=pages,
         **overview.read("summary_losses", "summary_lcm", "gain_map", "pareto", "pareto_summary"),
@@ -113,7 +125,7 @@ def _summary(overview: Overview) -> str:
 
 
 def _run_tables(overview: Overview) -> RunTables:
-    matrix, worse = (artefacts.read(overview.work, n) for n in ("validation_matrix", "worse_for_somebody"))
+    matrix, worse = overview.read("validation_matrix", "worse_for_somebody").values()
     return RunTables(
         losses=overview.losses(),
         matrix=matrix,

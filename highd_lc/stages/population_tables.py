@@ -5,7 +5,7 @@ The calibration's population tables: Table 3 with ours beside it, what is identi
 Who waits, where and for what: over spacing and speed difference of the first follower at t_start.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from itertools import pairwise
 from typing import Any
 
@@ -19,9 +19,9 @@ from highd_lc.scoring.population import Bootstrap, ratio_interval, shares
 from highd_lc.stages.statistics import PAIR_OF_FORM, PAIR_OF_START_FORM, PolicyLosses
 from highd_lc.vocab import names
 from highd_lc.vocab.driver import PARAMETERS, TABLE3_MEANS, TABLE3_QUANTILES
-from highd_lc.vocab.settings import StatisticsSettings
+from highd_lc.vocab.studies import StatisticsSettings
 from highd_lc.vocab.tables import TABLES
-from highd_lc.vocab.tables.studies import FOLLOWER_MODELS, TOGETHER
+from highd_lc.vocab.tables.studies import SECOND_OPINIONS, TOGETHER
 
 ALL = "all"
 _QUALITY = (
@@ -172,43 +172,44 @@ def _pairs(losses: PolicyLosses) -> Iterator[tuple[Row, pd.DataFrame]]:
                 yield {"form": form, "accounting": accounting}, pd.DataFrame(about | columns | each)
 
 
-def cross_scores(cross: pd.DataFrame, statistics: StatisticsSettings, *, seed: int) -> pd.DataFrame:
+def cross_scores(
+    cross: pd.DataFrame, models: Sequence[str], statistics: StatisticsSettings, *, seed: int
+) -> pd.DataFrame:
     """Gain of the plans made under one accounting when scored under each, with each model of the followers.
 
-    cross: ``cross_losses``.
+    cross: ``cross_losses``; models: the follower models that planned, the default one first.
     """
     rows = []
+    for planned_with in models:
+        for scored_with in dict.fromkeys((planned_with, *models, *SECOND_OPINIONS)):
+            chosen = cross[(cross["planned_with"] == planned_with) & (cross["scored_with"] == scored_with)]
+            about = {"planned_with": planned_with, "scored_with": scored_with}
+            rows += [about | row for row in _cross_cells(chosen, statistics, seed)]
+    return _frame("cross_scores", rows)
+
+
+def _cross_cells(cross: pd.DataFrame, statistics: StatisticsSettings, seed: int) -> Iterator[Row]:
+    """Every form, accounting optimised and accounting scored. cross: rows of one pair of follower models."""
     for form, (benchmark, local) in (PAIR_OF_FORM | PAIR_OF_START_FORM).items():
         for optimised in names.ACCOUNTINGS:
             chosen = cross[cross["accounting"] == optimised].set_index("event_id")
             one, other = (chosen[chosen["policy"] == policy] for policy in (local, benchmark))
             if one.empty or other.empty:
                 continue
+            touching = one["contact_after_T"].eq(True) | other["contact_after_T"].eq(True)
             for scored in names.ACCOUNTINGS:
-                touching = one["contact_after_T"].eq(True) | other["contact_after_T"].eq(True)
-                for followers in FOLLOWER_MODELS:
-                    pair = _scored_pair(one, other, scored, followers)
-                    row: dict[str, Any] = {
-                        "form": form,
-                        "optimised": optimised,
-                        "scored": scored,
-                        "followers": followers,
-                    }
-                    row["touching"] = 0 if scored == names.PAPER else int(touching.sum())
-                    rows.append(row | gain_columns(pair, statistics, seed=seed))
-    return _frame("cross_scores", rows)
+                row: Row = {"form": form, "optimised": optimised, "scored": scored}
+                row["touching"] = 0 if scored == names.PAPER else int(touching.sum())
+                yield row | gain_columns(_scored_pair(one, other, scored), statistics, seed=seed)
 
 
-def _scored_pair(one: pd.DataFrame, other: pd.DataFrame, scored: str, followers: str) -> pd.DataFrame:
-    av = "av_to_H" if scored == names.EQUAL else "av_to_T"
-    hv = f"hv_to_{'T' if scored == names.PAPER else 'H'}_{followers}"
-    columns = {
-        f"{side}_{k}": frame[name]
-        for k, frame in ((1, one), (0, other))
-        for side, name in zip(_SIDES, (av, hv), strict=True)
-    }
+def _scored_pair(one: pd.DataFrame, other: pd.DataFrame, scored: str) -> pd.DataFrame:
     end = "T" if scored == names.PAPER else "H"
-    met = [frame[f"contacts_to_{end}_{followers}"].reindex(one.index) > 0 for frame in (one, other)]
+    ends = {"av": "H" if scored == names.EQUAL else "T", "hv": end}
+    columns = {
+        f"{side}_{k}": frame[f"{side}_to_{ends[side]}"] for k, frame in ((1, one), (0, other)) for side in _SIDES
+    }
+    met = [frame[f"contacts_to_{end}"].reindex(one.index) > 0 for frame in (one, other)]
     return pd.DataFrame({"recording_id": one["recording_id"], "contact": met[0] | met[1]} | columns)
 
 

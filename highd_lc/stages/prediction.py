@@ -78,7 +78,7 @@ def predict(combination: Combination, followers: pd.DataFrame) -> None:
         ("controls", controls),
         ("follower_models", follower_models(judgement)),
         ("prediction", errors),
-        ("prediction_summary", prediction_summary(errors, how.followers.model, confidence=confidence)),
+        ("prediction_summary", prediction_summary(errors, how.follower_models[0], confidence=confidence)),
         ("dose_response", dose_response(errors)),
         ("externality", externality(judgement, scales(settings), controls)),
         ("externality_balance", externality_balance(controls)),
@@ -90,8 +90,7 @@ def predict(combination: Combination, followers: pd.DataFrame) -> None:
 
 def _chosen(settings: Settings) -> tuple[str, ...]:
     """The models that are judged: those of the setting, and those that plan."""
-    followers = settings.validation.followers
-    return tuple(dict.fromkeys((*settings.calibrate.models, followers.model)))
+    return tuple(dict.fromkeys((*settings.calibrate.models, *settings.validation.follower_models)))
 
 
 def _fits(rows: pd.DataFrame, followers: pd.DataFrame) -> models.Fits:

@@ -28,7 +28,7 @@ from highd_lc.stages.scenes import scene_makers
 from highd_lc.vocab import names
 from highd_lc.vocab.errors import StorageError, UsageError, told
 from highd_lc.vocab.job import CarryOut, Combination, Job, JobReport, Problem, ReportRequest, one_by_one
-from highd_lc.vocab.settings import ReportSettings
+from highd_lc.vocab.settings import ReportSettings, ValidateSettings
 from highd_lc.vocab.tables import TABLES
 
 
@@ -79,13 +79,14 @@ def choose(
     settings: ReportSettings,
     *,
     reports: Path,
+    model: str = ValidateSettings().follower_models[0],
     events: tuple[str, ...] = (),
     vector: tuple[str, ...] = (),
 ) -> ReportRequest:
     """What to make: pages of the events named (none named: all), and pictures as the settings ask.
 
-    vector: further formats of the pictures, "pdf" or "svg". Raises UsageError if an event is not among the usable
-    ones, or a format is another.
+    model: the default follower model; vector: further formats of the pictures, "pdf" or "svg". Raises UsageError
+    if an event is not among the usable ones, or a format is another.
     """
     refuse_senseless(events, vector)
     of_event = known_events(work, events)
@@ -95,14 +96,18 @@ def choose(
     if settings.png == "none":
         return ReportRequest(reports, wanted, frozenset(), recordings=recordings)
     every = settings.png == "all" or (settings.png == "auto" and len(known) <= _MOST_AUTOMATIC)
-    pictures = wanted if events else None if every else top_events(work, settings.top)
+    pictures = wanted if events else None if every else top_events(work, settings.top, model)
     return ReportRequest(reports, wanted, pictures, vector, recordings)
 
 
-def top_events(work: Path, count: int) -> frozenset[str]:
-    """The events on which local optimum and benchmark differ most, in either direction (primary cell)."""
-    columns = ["event_id", "policy", "accounting", "loss_total"]
+def top_events(work: Path, count: int, model: str) -> frozenset[str]:
+    """The events on which local optimum and benchmark differ most, in either direction (primary cell).
+
+    model: the follower model that planned.
+    """
+    columns = ["event_id", "followers", "policy", "accounting", "loss_total"]
     losses = artefacts.read(work, "losses", columns=columns)
+    losses = losses[losses["followers"] == model]
     primary = losses[losses["accounting"] == names.PRIMARY_ACCOUNTING]
     local, benchmark = (
         primary[primary["policy"] == policy].set_index("event_id")["loss_total"] for policy in PAIRS[names.FIXED]
@@ -222,10 +227,10 @@ def combine(combination: Combination, *, request: ReportRequest, carry_out: Carr
     """
     if request.events is not None:
         return JobReport()
-    work, raw = combination.work, combination.settings.report.raw
-    statistics = combination.settings.validation.statistics
+    work, raw, settings = combination.work, combination.settings.report.raw, combination.settings.validation
     artefacts.concatenate(work, STAGE, "event_pages", combination.recordings, combination.provenance)
-    overview = Overview(work, raw, statistics, combination.settings.validation.followers.b_max)
+    model, b_max = settings.follower_models[0], settings.followers.b_max
+    overview = Overview(work, raw, settings.statistics, b_max, model)
     missing = missing_pages(work)
     wanted = [name for name in OVERVIEW_PAGES if name not in missing]
     pages = dict(zip(wanted, carry_out([partial(page_of, name, overview) for name in wanted]), strict=True))

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from highd_lc.drivers.responses import HORIZON, NO_LEADER, SAMPLES, Responses
 from highd_lc.planning.scene import Motion, Scene, pack
-from highd_lc.stages.scenes import SceneTables, scene_makers
+from highd_lc.stages.scenes import SceneTables, of_own_fits, scene_makers
 from highd_lc.vocab import names
 from highd_lc.vocab.settings import ValidateSettings
 
@@ -29,9 +29,10 @@ def response_rows(
     tables: SceneTables, settings: ValidateSettings, drifts: "Drifts", *, location: int
 ) -> Iterator[Row]:
     """The rows of ``responses`` of a recording: every follower of every event while he and his leader are seen."""
-    recorded = settings.model_copy(
+    own = of_own_fits(settings)
+    recorded = own.model_copy(
         update={
-            "planner": settings.planner.model_copy(update={"leaders": "recorded"}),
+            "planner": own.planner.model_copy(update={"leaders": "recorded"}),
             "loss": settings.loss.model_copy(update={"horizon_s": HORIZON}),
         }
     )
@@ -64,14 +65,14 @@ def _row(scene: Scene, rank: int, settings: ValidateSettings) -> Row:
     followers, own = scene.followers, scene.followers.recorded[rank - 1]
     front = own.x + own.length / 2.0
     if rank == 1:
-        ahead_x, ahead_v, seen = scene.human.x + scene.length / 2.0, scene.human.vx, len(scene.human.x)
+        ahead_x, ahead_v, seen = scene.driver.x + scene.length / 2.0, scene.driver.vx, len(scene.driver.x)
         packed = pack(scene, settings)
         before_x, before_v = (
             np.where(np.isinf(packed.target_front), NO_LEADER, packed.target_front),
             packed.target_v,
         )
         lengths = (packed.target_length, scene.length)
-        progress = np.maximum.accumulate(np.clip(scene.human.y / scene.lateral_shift, 0.0, 1.0))
+        progress = np.maximum.accumulate(np.clip(scene.driver.y / scene.lateral_shift, 0.0, 1.0))
     else:
         leader = followers.recorded[rank - 2]
         ahead_x, ahead_v, seen = leader.x + leader.length / 2.0, leader.v, _keeps_lane(leader)

@@ -4,9 +4,8 @@ Followers' tracks between tables and arrays: from event tracks to windows, from 
 """
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -17,15 +16,14 @@ from numpy.typing import NDArray
 from highd_lc.core.car_following import FollowingTrack
 from highd_lc.core.drive import UNBOUNDED, drive_behind
 from highd_lc.core.kinematics import hermite, local_polynomial
-from highd_lc.core.lcm import moved_behind
 from highd_lc.core.losses import command_jerk
 from highd_lc.drivers.calibration import RecordedMotion, following_track
 from highd_lc.extraction.track_index import unbroken
 from highd_lc.io import artefacts
 from highd_lc.planning.scene import Followers, Human, Motion, NextLeader, Scene
+from highd_lc.stages.scene_drivers import Columns, driven, grouped, read_drivers
 from highd_lc.vocab import names
 from highd_lc.vocab.driver import PARAMETERS, TABLE3_MEANS
-from highd_lc.vocab.errors import ArtefactError
 from highd_lc.vocab.settings import PlannerSettings, ValidateSettings
 
 FloatArray = NDArray[np.float64]
@@ -35,10 +33,6 @@ TIME_STEP = 0.1
 WHEELBASE_SHARE = 0.6
 """Wheelbase over length of a vehicle; HighD has none (equations.md 8)."""
 _TRACK_COLUMNS = ["t", "x", "y", "vx", "vy", "ax", "ay", "vehicle_id", "calibration"]
-_FIT_COLUMNS = ["follower", "leader_length_m", "spread", *PARAMETERS]
-
-Columns = dict[str, NDArray[Any]]
-"""Columns of a few rows of a table."""
 
 
 @dataclass(frozen=True)
@@ -46,7 +40,8 @@ class SceneTables:
     """What the scenes of a recording are made from, for those who read the same tables too.
 
     events, vehicles, followers: as read; tracks: of each event and role, its rows of ``event_tracks``; sizes:
-    length and width of each vehicle [m]; fits: of each event, what of its followers a scene needs, nearest first.
+    length and width of each vehicle [m]; drivers: by follower model, the default one first, of each event what of
+    its followers a scene needs, nearest first.
     """
 
     events: pd.DataFrame
@@ -54,11 +49,11 @@ class SceneTables:
     followers: pd.DataFrame
     tracks: dict[tuple[str, ...], Columns]
     sizes: dict[int, tuple[float, float]]
-    fits: dict[tuple[str, ...], Columns]
+    drivers: dict[str, dict[tuple[str, ...], Columns]]
 
 
 def scene_makers(tables: SceneTables, settings: ValidateSettings) -> Iterator[tuple[str, Callable[[], Scene]]]:
-    """Each event's id, in the order of the events table, with what makes its scene.
+    """Each event's id, in the order of the events table, with what makes its scene, of the default follower model.
 
     A scene that cannot be made does not stand in the others' way.
     """
@@ -67,59 +62,45 @@ def scene_makers(tables: SceneTables, settings: ValidateSettings) -> Iterator[tu
         yield event.event_id, partial(_scene, event, tables, settings)
 
 
+def load_scene(work: Path, event_id: str, settings: ValidateSettings) -> Scene:
+    """The scene of one event. Raises KeyError if there is no such event."""
+    recording = int(event_id.split("-")[0])
+    tables = read_scene_tables(work, recording, settings)
+    chosen = tables.events[tables.events["event_id"] == event_id]
+    if chosen.empty:
+        raise KeyError(event_id)
+    return _scene(next(chosen.itertuples()), tables, settings)
+
+
+def of_own_fits(settings: ValidateSettings) -> ValidateSettings:
+    """The settings with everybody driven by his own fit: for who has nothing but fits."""
+    own = settings.followers.model_copy(update={"model": names.OWN_FIT, "also": ()})
+    planner = settings.planner.model_copy(update={"parameters": "fitted"})
+    return settings.model_copy(update={"followers": own, "planner": planner})
+
+
 def read_scene_tables(
-    work: Path, recording: int, settings: PlannerSettings, *, fits: pd.DataFrame | None = None
+    work: Path, recording: int, settings: ValidateSettings, *, fits: pd.DataFrame | None = None
 ) -> SceneTables:
-    """Read what the scenes of a recording are made from. fits: its followers, where no table has them yet."""
+    """Read what the scenes of a recording are made from.
+
+    fits: its rows of ``followers``, where the artefact does not exist yet; they are its only follower model then.
+    Raises ArtefactError if an artefact is missing, or does not hold a follower model of the settings.
+    """
     rows = artefacts.read(work, "event_tracks", recording=recording)
     vehicles = artefacts.read(work, "vehicles", recording=recording)
     followers = artefacts.read(work, "followers", recording=recording) if fits is None else fits
-    drivers = followers if fits is not None else _drivers(work, followers, settings)
+    models = settings.follower_models if fits is None else (names.OWN_FIT,)
+    events = artefacts.read(work, "events", recording=recording)
     sizes = zip(vehicles["length"], vehicles["width"], strict=True)
     return SceneTables(
-        events=artefacts.read(work, "events", recording=recording),
+        events=events,
         vehicles=vehicles,
         followers=followers,
-        tracks=_grouped("event_tracks", rows, by=["event_id", "role"], order="t", columns=_TRACK_COLUMNS),
+        tracks=grouped("event_tracks", rows, by=["event_id", "role"], order="t", columns=_TRACK_COLUMNS),
         sizes=dict(zip(vehicles["vehicle_id"].tolist(), sizes, strict=True)),
-        fits=_grouped("followers", drivers, by=["event_id"], order="follower", columns=_FIT_COLUMNS),
+        drivers={model: read_drivers(work, recording, followers, model) for model in models},
     )
-
-
-def _grouped(
-    name: str, frame: pd.DataFrame, *, by: list[str], order: str, columns: list[str]
-) -> dict[tuple[str, ...], Columns]:
-    """Columns of each group's rows. Slices of a table in its order: a frame a group costs ten times as much.
-
-    Raises ArtefactError if the table is in another order.
-    """
-    keys = [frame[column].array for column in by]
-    changes = np.zeros(max(len(frame) - 1, 0), bool)
-    for key in keys:
-        changes |= np.asarray(key[1:] != key[:-1], bool)
-    along = frame[order].to_numpy()
-    starts = np.flatnonzero(np.concatenate([[True], changes])) if len(frame) else np.zeros(0, int)
-    # Keys of the groups alone are taken out: value by value, text in arrow's memory is slow.
-    names_of = list(zip(*(key.take(starts).tolist() for key in keys), strict=True))
-    if len(set(names_of)) < len(names_of) or not np.all(changes | (along[1:] >= along[:-1])):
-        raise ArtefactError(f"{name}: rows are not ordered by {', '.join([*by, order])}")
-    arrays = {column: frame[column].to_numpy() for column in columns}
-    return {
-        key: {column: values[first:stop] for column, values in arrays.items()}
-        for key, (first, stop) in zip(names_of, pairwise([*starts.tolist(), len(frame)]), strict=True)
-    }
-
-
-def _drivers(work: Path, fits: pd.DataFrame, settings: PlannerSettings) -> pd.DataFrame:
-    """The followers with the parameters that the setting asks for, and the leader length that L goes with."""
-    if settings.parameters == "fitted":
-        return fits
-    columns = [*PARAMETERS, "leader_length_m"]
-    everybody = artefacts.read(work, "followers", columns=["status", *columns])
-    fitted = everybody.loc[everybody["status"] == names.FITTED, columns]
-    if settings.parameters == "table3" or fitted.empty:
-        return fits.assign(**dict(zip(columns, [*TABLE3_MEANS.as_array(), np.nan], strict=True)))
-    return fits.assign(**fitted.mean())
 
 
 def _scene(event: Any, tables: SceneTables, settings: ValidateSettings) -> Scene:
@@ -137,6 +118,7 @@ def _scene(event: Any, tables: SceneTables, settings: ValidateSettings) -> Scene
         width=width,
         wheelbase=WHEELBASE_SHARE * length,
         dt=TIME_STEP,
+        horizon=settings.loss.horizon_s,
         target_leader=target_leader,
         origin_leader=_leader(event, names.ORIGIN_LEADER, tables, settings),
         origin_follower=_leader(event, names.ORIGIN_FOLLOWER, tables, settings),
@@ -207,6 +189,20 @@ def _motion(track: Columns, size: tuple[float, float], horizon: float) -> Motion
     return Motion(columns["x"], columns["y"], v, a, *size, observed=observed)
 
 
+def recorded_motions(event: Any, tables: SceneTables, horizon: float) -> Iterator[tuple[str, int, Motion]]:
+    """Each role of an event with its recorded motion over 0 .. horizon [s], and the first sample that was seen.
+
+    The last one is ``observed`` - 1.
+    """
+    later = {names.target_leader(place): change for place, change in enumerate(event.leader_changes_s, start=2)}
+    followers = (names.target_follower(rank + 1) for rank in range(len(event.follower_ids)))
+    for role in (names.EGO, names.ORIGIN_LEADER, names.ORIGIN_FOLLOWER, names.TARGET_LEADER, *later, *followers):
+        track = _rows(event, role, tables, later.get(role, 0.0))
+        if track is not None and track["t"][-1] >= 0.0:
+            first = max(0, int(np.ceil(track["t"][0] / TIME_STEP - 1e-6)))
+            yield role, first, _motion(track, tables.sizes[int(track["vehicle_id"][0])], horizon)
+
+
 def _predicted(motion: Motion, *, free_road: bool) -> Motion:
     """The same vehicle from its state at t_start: at constant speed, or by LCM on a free road (Table 3 means)."""
     samples = len(motion.x)
@@ -226,34 +222,34 @@ def _followers(
     ego_length: float,
     settings: ValidateSettings,
 ) -> Followers:
-    fits = tables.fits[event.event_id,]
+    """Where the followers are, driven by the default model."""
+    model, drivers = next(iter(tables.drivers.items()))
     recorded, sizes = [], []
-    for rank in fits["follower"]:
+    for rank in drivers[event.event_id,]["follower"]:
         track = _rows(event, names.target_follower(rank), tables)
         assert track is not None, "extraction writes rows of every follower"
         sizes.append(tables.sizes[int(track["vehicle_id"][0])])
         recorded.append(_motion(track, sizes[-1], settings.loss.horizon_s))
     length, width = np.array(sizes).T
-    L, behind = float(fits["L"][0]), float(fits["leader_length_m"][0])
-    return Followers(
+    unknown = np.full((len(length), len(PARAMETERS)), np.nan)
+    parked = Followers(
         x=np.array([m.x[0] for m in recorded]),
         y=np.array([m.y[0] for m in recorded]),
         v=np.array([m.v[0] for m in recorded]),
         length=length,
         width=width,
-        parameters=_parameters(fits, [ego_length, *length[:-1]]),
-        L_no_change=moved_behind(L, behind, target_leader.length if target_leader is not None else behind),
+        parameters=unknown,
+        L_no_change=np.nan,
         recorded=tuple(recorded),
-        spread=np.array([[row.get(p, 0.0) for p in PARAMETERS] for row in map(dict, fits["spread"])]),
     )
+    return driven(parked, drivers[event.event_id,], model, ego_length, target_leader)
 
 
-def _parameters(fits: Columns, leader_lengths: list[float]) -> FloatArray:
-    """LCM of each follower, L moved behind its leader of the replay (= L_replay of a fit), shape (p, 6)."""
-    parameters = np.stack([fits[name] for name in PARAMETERS], axis=1).astype(np.float64)
-    old_and_new = zip(fits["L"], fits["leader_length_m"], leader_lengths, strict=True)
-    parameters[:, -1] = [moved_behind(*lengths) for lengths in old_and_new]
-    return parameters
+def driven_by(scene: Scene, model: str, tables: SceneTables) -> Scene:
+    """The scene with its followers driven by another follower model, one of ``tables.drivers``."""
+    drivers = tables.drivers[model][scene.event_id,]
+    followers = driven(scene.followers, drivers, model, scene.length, scene.target_leader)
+    return replace(scene, followers=followers)
 
 
 def _human(event: Any, ego: Columns, settings: PlannerSettings) -> Human:

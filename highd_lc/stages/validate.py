@@ -1,7 +1,9 @@
 """Validate: every event through the planner and the MPC, scored under every accounting; then the population."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -25,9 +27,23 @@ from highd_lc.stages.population_tables import (
     start_map,
     worse_for_somebody,
 )
-from highd_lc.stages.scenes import read_scene_tables, scene_makers
+from highd_lc.stages.scenes import (
+    SceneTables,
+    driven_by,
+    read_scene_tables,
+    recorded_motions,
+    scene_makers,
+)
 from highd_lc.stages.statistics import PolicyLosses, situations, summarise_losses, validation_matrix
-from highd_lc.stages.validate_samples import Samples, pareto_rows, samples, tracking_rows, tracking_summary
+from highd_lc.stages.trajectories import Trace, planned_traces, recorded_traces, write_traces
+from highd_lc.stages.validate_samples import (
+    Planned,
+    Samples,
+    pareto_rows,
+    samples,
+    tracking_rows,
+    tracking_summary,
+)
 from highd_lc.stages.validate_studies import (
     STUDY_TABLES,
     Study,
@@ -43,6 +59,7 @@ from highd_lc.vocab import names
 from highd_lc.vocab.errors import told
 from highd_lc.vocab.job import Combination, Job, JobReport, Problem
 from highd_lc.vocab.policy import ACCOUNTINGS
+from highd_lc.vocab.settings import ValidateSettings
 from highd_lc.vocab.tables import TABLES
 
 STAGE = "validate"
@@ -52,22 +69,30 @@ Row = dict[str, Any]
 
 
 def run(job: Job) -> JobReport:
-    """Plan, score and track every event of a recording, study the sampled ones; write all of ``PART_TABLES``."""
-    chosen = samples(job)
+    """Plan, score and track every event of a recording, study the sampled ones; write all of ``PART_TABLES``, and
+    the motions of the events chosen for that.
+    """
+    chosen, settings = samples(job), job.settings.validation
     rows: dict[str, list[Row]] = {name: [] for name in PART_TABLES}
+    traces: list[Trace] = []
     problems = []
-    tables = read_scene_tables(job.work, job.recording, job.settings.validation.planner)
-    for event_id, scene_of in scene_makers(tables, job.settings.validation):
+    tables = read_scene_tables(job.work, job.recording, settings)
+    makers = scene_makers(tables, settings)
+    for event, (event_id, scene_of) in zip(tables.events.itertuples(), makers, strict=True):
         try:
-            found = list(_event_rows(scene_of(), job, chosen))
+            planned = _planned(scene_of(), tables, job, chosen)
+            found = list(_event_rows(planned, job, chosen))
+            traced = list(_traces(event, planned, tables, settings)) if event_id in chosen.traced else []
         except Exception as error:
             # One bad event never stops the others, and is left out as a whole: it is listed with its reason.
             problems.append(Problem(job.recording, STAGE, told(event_id, error)))
             continue
+        traces += traced
         for name, row in found:
             rows[name].append({"event_id": event_id, "recording_id": job.recording, **row})
     for name, of_table in rows.items():
         artefacts.write_part(job, STAGE, name, _frame(name, of_table))
+    write_traces(job, traces)
     return JobReport({name: len(of_table) for name, of_table in rows.items()}, tuple(problems))
 
 
@@ -75,32 +100,68 @@ def _frame(name: str, rows: list[Row]) -> pd.DataFrame:
     return pd.DataFrame(rows, columns=list(TABLES[name].column_names), dtype=None if rows else object)
 
 
-def _event_rows(scene: Scene, job: Job, chosen: Samples) -> Iterator[tuple[str, Row]]:
-    problem = planner.pose(scene, job.settings.validation)
-    plans = planner.plan_all(problem)
-    if scene.event_id in chosen.started:
-        plans += plan_starts(problem)
-    scores = _Scores(problem, next(p for p in plans if p.policy == names.NO_LANE_CHANGE))
+def _planned(scene: Scene, tables: SceneTables, job: Job, chosen: Samples) -> list[Planned]:
+    """The event as planned with each follower model that plans it, the default one first."""
+    default, *others = job.settings.validation.follower_models
+    found = []
+    for model in (default, *(others if scene.event_id in chosen.also else ())):
+        own = scene if model == default else driven_by(scene, model, tables)
+        problem = planner.pose(own, job.settings.validation)
+        plans = planner.plan_all(problem)
+        if scene.event_id in chosen.started:
+            plans += plan_starts(problem)
+        heavy = model == default and scene.event_id in chosen.multi_body
+        found.append(Planned(model, PlanTracker(problem), plans, heavy))
+    return found
+
+
+def _event_rows(planned: list[Planned], job: Job, chosen: Samples) -> Iterator[tuple[str, Row]]:
+    for one in planned:
+        for name, row in _planned_rows(one):
+            yield name, {"followers": one.model, **row}
+        study = Study(one.tracker.problem, one.plans, job.settings.seed, one.model)
+        others = {other.model: other.tracker for other in planned if other is not one}
+        for row in cross_rows(study, others):
+            yield "cross_losses", row
+        if one is planned[0]:
+            yield from _study_rows(study, chosen)
+
+
+def _planned_rows(planned: Planned) -> Iterator[tuple[str, Row]]:
+    """Plans, losses and tracking of an event with one follower model."""
+    problem, plans = planned.tracker.problem, planned.plans
+    scores = Scores(problem, next(p for p in plans if p.policy == names.NO_LANE_CHANGE))
     for plan in plans:
-        yield "plans", _plan_row(problem, plan)
-        yield "losses", _loss_row(problem, plan, scores)
-    for row in tracking_rows(PlanTracker(problem), plans, multi_body=scene.event_id in chosen.multi_body):
+        yield "plans", plan_row(problem, plan)
+        yield "losses", loss_row(problem, plan, scores)
+    for row in tracking_rows(planned):
         yield "tracking", row
-    study = Study(problem, plans, job.settings.seed)
-    for row in cross_rows(study):
-        yield "cross_losses", row
-    if scene.event_id in chosen.studied:
-        yield from _study_rows(study)
-    if scene.event_id in chosen.foreseen:
+
+
+def _study_rows(study: Study, chosen: Samples) -> Iterator[tuple[str, Row]]:
+    """The studies that an event was sampled for, each row with its table."""
+    event_id = study.problem.scene.event_id
+    if event_id in chosen.studied:
+        yield from _sampled_rows(study)
+    if event_id in chosen.foreseen:
         for row in foresight_rows(study):
             yield "foresight", row
-    if scene.event_id in chosen.compared:
+    if event_id in chosen.compared:
         for row in solver_rows(study):
             yield "solver_comparison", row
 
 
-def _study_rows(study: Study) -> Iterator[tuple[str, Row]]:
-    """All studies of a sampled event, each row with its table."""
+def _traces(
+    event: Any, planned: list[Planned], tables: SceneTables, settings: ValidateSettings
+) -> Iterator[Trace]:
+    """Everybody's recorded motion, and what each follower model makes of it."""
+    yield from recorded_traces(event.event_id, recorded_motions(event, tables, settings.loss.horizon_s))
+    for one in planned:
+        yield from planned_traces(one)
+
+
+def _sampled_rows(study: Study) -> Iterator[tuple[str, Row]]:
+    """The studies of the one sample of events."""
     for row in horizon_rows(study):
         yield "horizon_losses", row
     for row in uncertainty_rows(study):
@@ -108,7 +169,8 @@ def _study_rows(study: Study) -> Iterator[tuple[str, Row]]:
     yield from pareto_rows(study)
 
 
-def _plan_row(problem: PlanningProblem, plan: Plan) -> Row:
+def plan_row(problem: PlanningProblem, plan: Plan) -> Row:
+    """The columns of ``plans`` of one plan."""
     clearances = [margin for name, margin in plan.margins.items() if name.startswith("clearance_")]
     return {
         "policy": plan.policy,
@@ -177,8 +239,11 @@ def _finite(value: float) -> float:
 
 
 @dataclass(frozen=True)
-class _Scores:
-    """Losses and safety of an event's replays, each computed once: accountings share them."""
+class Scores:
+    """Losses and safety of an event's replays, each computed once: accountings share them.
+
+    unchanged: the plan without a lane change, beside which the followers' loss is an increment.
+    """
 
     problem: PlanningProblem
     unchanged: Plan
@@ -212,7 +277,8 @@ class _Scores:
         return float(0.5 * self.problem.terms.weights @ both)
 
 
-def _loss_row(problem: PlanningProblem, plan: Plan, scores: _Scores) -> Row:
+def loss_row(problem: PlanningProblem, plan: Plan, scores: Scores) -> Row:
+    """The columns of ``losses`` of one plan; what cannot be known is left out."""
     row: Row = {
         "policy": plan.policy,
         "accounting": plan.accounting,
@@ -238,7 +304,7 @@ def _loss_row(problem: PlanningProblem, plan: Plan, scores: _Scores) -> Row:
         row |= charges.recorded_loss(recorded, losses, terms, settings, last=both, dt=dt)
         if plan.contact:
             row["loss_hv_simulated"] = np.nan
-        row["av_comfort_raw"] = problem.scene.human.comfort_raw / settings.comfort_scale
+        row["av_comfort_raw"] = problem.scene.driver.comfort_raw / settings.comfort_scale
     row |= scores.safety(plan, charged)
     row["peak_follower_decel"] = charges.peak_deceleration(plan.replay.a, charged)
     return row
@@ -261,15 +327,33 @@ def combine(combination: Combination) -> JobReport:
 def _population(combination: Combination, events: pd.DataFrame) -> Iterator[tuple[str, pd.DataFrame]]:
     """The population's tables by name."""
     work, settings, seed = combination.work, combination.settings.validation.statistics, combination.settings.seed
-    losses = PolicyLosses(artefacts.read(work, "losses"))
-    yield "validation_matrix", validation_matrix(events, losses, settings, seed=seed)
-    yield "summary_losses", summarise_losses(losses, settings, seed=seed)
-    yield "worse_for_somebody", worse_for_somebody(losses, settings)
-    yield "gain_map", gain_map(events, losses, settings, seed=seed)
-    yield "leave_one_out", leave_one_out(events, losses, settings, seed=seed)
-    yield "cross_scores", cross_scores(artefacts.read(work, "cross_losses"), settings, seed=seed)
+    models = combination.settings.validation.follower_models
+    losses = artefacts.read(work, "losses")
+    of_model = {model: PolicyLosses(losses[losses["followers"] == model]) for model in models}
+    each = partial(_of_each_model, of_model)
+    yield "validation_matrix", each(lambda one: validation_matrix(events, one, settings=settings, seed=seed))
+    yield "summary_losses", each(lambda one: summarise_losses(one, settings=settings, seed=seed))
+    yield "worse_for_somebody", each(lambda one: worse_for_somebody(one, settings))
+    yield "gain_map", each(lambda one: gain_map(events, one, settings, seed=seed))
+    yield "leave_one_out", each(lambda one: leave_one_out(events, one, settings, seed=seed))
+    yield "cross_scores", cross_scores(artefacts.read(work, "cross_losses"), models, settings, seed=seed)
     yield "horizon_sensitivity", horizon_sensitivity(artefacts.read(work, "horizon_losses"), settings, seed=seed)
-    yield "start_map", start_map(events, artefacts.read(work, "plans"), losses)
+    yield "start_map", start_map(events, _of_default(work, "plans", models), of_model[models[0]])
     yield "foresight_summary", foresight_summary(artefacts.read(work, "foresight"), settings, seed=seed)
-    yield "tracking_summary", tracking_summary(artefacts.read(work, "tracking"))
+    yield "tracking_summary", tracking_summary(_of_default(work, "tracking", models))
     yield "solver_summary", solver_summary(artefacts.read(work, "solver_comparison"))
+
+
+def _of_each_model(
+    losses: Mapping[str, PolicyLosses], table: Callable[[PolicyLosses], pd.DataFrame]
+) -> pd.DataFrame:
+    """A table of each follower model, one after the other, the default one first."""
+    found = [table(one).assign(followers=model) for model, one in losses.items()]
+    filled = [frame for frame in found if len(frame)]
+    return pd.concat(filled, ignore_index=True) if filled else found[0]
+
+
+def _of_default(work: Path, name: str, models: Sequence[str]) -> pd.DataFrame:
+    """The rows of an artefact that the default follower model made."""
+    frame = artefacts.read(work, name)
+    return frame[frame["followers"] == models[0]]

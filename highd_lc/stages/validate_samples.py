@@ -7,9 +7,9 @@ What tracking makes of the plans: planned against tracked by policy and plant.
 Rows of the table of tracking: every plan of the primary accounting on the bicycle, a sample on both cars.
 """
 
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
-from functools import lru_cache
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, replace
+from functools import cached_property, lru_cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -27,12 +27,16 @@ from highd_lc.stages.validate_studies import Study
 from highd_lc.tracking.plan_tracking import DrivenPlan, PlanTracker, planned_motion
 from highd_lc.vocab import names
 from highd_lc.vocab.job import Job
-from highd_lc.vocab.settings import StudySettings
+from highd_lc.vocab.settings import ValidateSettings
+from highd_lc.vocab.studies import StudySettings
 from highd_lc.vocab.tables import TABLES
 from highd_lc.vocab.tables.studies import FRONT, SWEEP
 from highd_lc.vocab.tracking import KINEMATIC, LOST, MULTI_BODY, PLANTS, SOFTENED
 
 _ALL = 2**62
+_MOST_TRACED = 1000
+"""Up to this many events, ``trajectories = "auto"`` writes the motions of all of them."""
+_TRACED = {"auto": 500, "sample": 500, "all": _ALL, "none": 0}
 _MOST_FOLLOWERS = 3
 """Strata of the sample tell this many followers from fewer, and more no further."""
 
@@ -40,8 +44,8 @@ _MOST_FOLLOWERS = 3
 @dataclass(frozen=True)
 class Samples:
     """Ids of the events that are studied, of those on which the solvers are compared, of those whose start is
-    chosen as well, of those among them that are planned with predicted leaders, and of those whose plans the
-    multi-body car drives.
+    chosen as well, of those among them that are planned with predicted leaders, of those whose plans the
+    multi-body car drives, of those that the further follower models plan too, and of those with written motions.
     """
 
     studied: frozenset[str]
@@ -49,34 +53,43 @@ class Samples:
     started: frozenset[str]
     foreseen: frozenset[str]
     multi_body: frozenset[str]
+    also: frozenset[str]
+    traced: frozenset[str]
 
 
 def samples(job: Job) -> Samples:
     """The run's samples, drawn from all events of all recordings by class, direction and number of followers."""
-    settings = job.settings.validation.studies
-    if settings.chosen:
-        return Samples(*[frozenset(settings.chosen)] * 5)
-    sizes = {"none": 0, "sample": settings.start_sample, "all": _ALL}
+    settings = job.settings.validation
     drawn_at = artefacts.path_of(job.work, "events").stat().st_mtime_ns
-    return _drawn(job.work, drawn_at, settings, sizes[job.settings.validation.planner.start], job.settings.seed)
+    drawn = _drawn(job.work, drawn_at, settings, job.settings.seed)
+    if not settings.studies.chosen:
+        return drawn
+    studies = ("studied", "compared", "started", "foreseen", "multi_body")
+    return replace(drawn, **dict.fromkeys(studies, frozenset(settings.studies.chosen)))
 
 
 @lru_cache(maxsize=1)
-def _drawn(work: Path, written: int, settings: StudySettings, starts: int, seed: int) -> Samples:
+def _drawn(work: Path, written: int, settings: ValidateSettings, seed: int) -> Samples:
     """The samples, drawn once for all recordings that a process works on. written: when the events were [ns]."""
     events = artefacts.read(work, "events", columns=["event_id", "ego_class", "direction", "follower_ids"])
     count = events["follower_ids"].map(len).clip(upper=_MOST_FOLLOWERS)
     strata = dict(
         zip(events["event_id"], zip(events["ego_class"], events["direction"], count, strict=True), strict=True)
     )
-    studied = stratified_sample(strata, settings.sample, seed=seed)
-    compared = stratified_sample(strata, settings.solver_sample, seed=seed)
-    started = stratified_sample(strata, starts, seed=seed)
-    foreseen = stratified_sample(
-        {e: s for e, s in strata.items() if e in started}, settings.foresight_sample, seed=seed
+    sample = partial(stratified_sample, strata, seed=seed)
+    studies = settings.studies
+    started = sample({"none": 0, "sample": studies.start_sample, "all": _ALL}[settings.planner.start])
+    starts = {event: stratum for event, stratum in strata.items() if event in started}
+    every = settings.trajectories == "auto" and len(strata) <= _MOST_TRACED
+    return Samples(
+        studied=sample(studies.sample),
+        compared=sample(studies.solver_sample),
+        started=started,
+        foreseen=stratified_sample(starts, studies.foresight_sample, seed=seed),
+        multi_body=sample(studies.multibody_sample),
+        also=sample(settings.followers.also_sample),
+        traced=sample(_ALL if every else _TRACED[settings.trajectories]),
     )
-    multi_body = stratified_sample(strata, settings.multibody_sample, seed=seed)
-    return Samples(studied, compared, started, foreseen, multi_body)
 
 
 Row = dict[str, Any]
@@ -205,26 +218,59 @@ _FIGURES = (
 )
 
 
-def tracking_rows(tracker: PlanTracker, plans: Sequence[Plan], *, multi_body: bool) -> Iterator[Row]:
-    """A row for each policy that changes lane, and plant; multi_body: whether on the multi-body car as well."""
-    known: dict[tuple[int, str], Row] = {}
-    for plan in plans:
-        if plan.accounting == names.PRIMARY_ACCOUNTING and plan.policy != names.NO_LANE_CHANGE:
-            for plant in (KINEMATIC, MULTI_BODY) if multi_body else (KINEMATIC,):
-                # Policies often choose the same plan, whose replay they share: it is driven once.
-                key = id(plan.replay), plant
-                if plan.replay is None or key not in known:
-                    known[key] = _row(tracker, plan, plant)
-                yield known[key] | {"policy": plan.policy}
+Drive = tuple[Plan, str, DrivenPlan | None]
+"""A plan on a plant; None without a plan."""
 
 
-def _row(tracker: PlanTracker, plan: Plan, plant: str) -> Row:
-    """Without a plan, or with one that cannot be driven, the status alone: every number is missing, none is 0."""
+@dataclass(frozen=True)
+class Planned:
+    """An event as planned with a follower model. multi_body: whether the multi-body car drives the plans too."""
+
+    model: str
+    tracker: PlanTracker
+    plans: list[Plan]
+    multi_body: bool
+
+    @cached_property
+    def drives(self) -> list[Drive]:
+        """Every plan of the primary accounting that changes lane, on each plant.
+
+        Policies often choose the same plan, whose replay they share: it is driven once.
+        """
+        known: dict[tuple[int, str], DrivenPlan | None] = {}
+        found = []
+        for plan in self.plans:
+            if plan.accounting == names.PRIMARY_ACCOUNTING and plan.policy != names.NO_LANE_CHANGE:
+                for plant in (KINEMATIC, MULTI_BODY) if self.multi_body else (KINEMATIC,):
+                    key = id(plan.replay), plant
+                    if key not in known:
+                        known[key] = self.tracker.drive(plan, plant)
+                    found.append((plan, plant, known[key]))
+        return found
+
+
+def tracking_rows(planned: Planned) -> Iterator[Row]:
+    """A row for each policy that changes lane, and plant."""
+    known: dict[int, Row] = {}
+    for plan, plant, driven in planned.drives:
+        row: Row = {"status": plan.status, "contact": ""}
+        if driven is not None:
+            if id(driven) not in known:
+                known[id(driven)] = _row(planned.tracker, driven)
+            row = known[id(driven)]
+        yield {"policy": plan.policy, "plant": plant} | row
+
+
+def tracking_row(tracker: PlanTracker, plan: Plan, plant: str) -> Row:
+    """What tracking makes of a plan on a plant, by the columns of ``tracking``."""
     driven = tracker.drive(plan, plant)
     row: Row = {"policy": plan.policy, "plant": plant, "status": plan.status, "contact": ""}
-    if driven is None:
-        return row
-    row["status"] = driven.result.status
+    return row if driven is None else row | _row(tracker, driven)
+
+
+def _row(tracker: PlanTracker, driven: DrivenPlan) -> Row:
+    """With a plan that cannot be driven, the status alone: every number is missing, none is 0."""
+    row: Row = {"status": driven.result.status, "contact": ""}
     if driven.replay is None:
         return row
     row |= {name: getattr(driven.result, name) for name in _FIGURES}

@@ -3,8 +3,8 @@
 The value of perfect information about the leaders over the sampled events.
 """
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -13,7 +13,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from highd_lc.planning import sqp
-from highd_lc.planning.planner import Plan, PlanningProblem
+from highd_lc.planning.planner import Plan, PlanningProblem, contact_of
 from highd_lc.planning.pool import Goal, Pool
 from highd_lc.planning.search import search
 from highd_lc.scoring import cross_scores, uncertainty
@@ -30,17 +30,17 @@ from highd_lc.scoring.uncertainty import (
     with_replanning,
 )
 from highd_lc.stages.statistics import PAIR_OF_FORM, PAIR_OF_START_FORM
+from highd_lc.tracking.plan_tracking import PlanTracker
 from highd_lc.vocab import names
-from highd_lc.vocab.settings import StatisticsSettings, StudySettings
+from highd_lc.vocab.studies import StatisticsSettings, StudySettings
 from highd_lc.vocab.tables import TABLES
 from highd_lc.vocab.tables.studies import (
-    FOLLOWER_MODELS,
-    IDM,
+    DRAWN,
+    IDM_MOTORWAY,
     KNOWLEDGE,
-    LCM,
-    LCM_DRAWN,
     OPTIMAL_POLICIES,
     RECORDED,
+    SECOND_OPINIONS,
 )
 
 FloatArray = NDArray[np.float64]
@@ -63,11 +63,12 @@ COUNTERPART = {one: other for pair in PAIRS.values() for one, other in (pair, pa
 
 @dataclass(frozen=True)
 class Study:
-    """An event under study: its problem and plans, the settings, and the seed of the run."""
+    """An event under study: its problem and plans, the seed of the run, and the follower model that planned."""
 
     problem: PlanningProblem
     plans: Sequence[Plan]
     seed: int
+    model: str = names.OWN_FIT
 
     @property
     def settings(self) -> StudySettings:
@@ -89,6 +90,13 @@ class Study:
         """Followers' loss of each optimal plan as planned (first) and under the draws, by ``id`` of its replay."""
         drivers = np.concatenate([self.problem.packed.parameters[None], self.draws])
         return {key: uncertainty.rescore(self.problem, plan, drivers) for key, plan in self._distinct.items()}
+
+    @cached_property
+    def idm(self) -> dict[int, Charged]:
+        """Followers' loss of each optimal plan if all of them are IDM drivers, by ``id`` of its replay."""
+        packed, terms = self.problem.packed, self.problem.terms
+        played = {key: plan.replay for key, plan in self._distinct.items() if plan.replay is not None}
+        return {key: cross_scores.idm_followers(p.av, packed, terms, p.entry) for key, p in played.items()}
 
     @cached_property
     def av_losses(self) -> dict[int, tuple[float, float]]:
@@ -146,40 +154,65 @@ def _foreseen(driven: Driven) -> Row:
     return row | {"delay_s": choice.delay_s, "gap": choice.gap, "T": choice.T}
 
 
-def cross_rows(study: Study) -> Iterator[Row]:
-    """Rows of ``cross_losses``: every optimal plan charged to T and to H, with each model of the followers."""
-    idm: dict[int, Charged] = {}
-    for (policy, accounting), plan in study.optimal.items():
-        row: Row = {"policy": policy, "accounting": accounting} | _NO_CONTACTS
-        if plan.replay is not None:
-            key = id(plan.replay)
-            if key not in idm:
-                played, problem = plan.replay, study.problem
-                idm[key] = cross_scores.idm_followers(played.av, problem.packed, problem.terms, played.entry)
-            other = study.rescored[id(study.optimal[COUNTERPART[policy], accounting].replay)]
-            row |= _cross_columns(study.rescored[key], other, idm[key])
-            row |= {"av_to_T": study.av_losses[key][0], "av_to_H": study.av_losses[key][1]}
-            row["contact_after_T"] = bool((plan.replay.clearance_after_T < 0.0).any())
-        yield row
+def cross_rows(study: Study, others: Mapping[str, PlanTracker]) -> Iterator[Row]:
+    """Rows of ``cross_losses``: every optimal plan charged to T and to H, with each model of the followers.
 
-
-_NO_CONTACTS = {f"contacts_to_{end}_{model}": 0 for end in ("T", "H") for model in FOLLOWER_MODELS}
-
-
-def _cross_columns(lcm: Charged, other: Charged, idm: Charged) -> Row:
-    """Followers' losses by each model, those with a contact left out and counted.
-
-    other: of the policy that this one is compared with: a mean over draws is one over the same draws for both.
+    others: the event posed with the other follower models that score.
     """
-    row: Row = {}
-    for end in ("T", "H"):
-        met = lcm.touches(to_T=end == "T")
-        shared = met | other.touches(to_T=end == "T")
-        models = ((LCM, lcm, met[:1], slice(0, 1)), (LCM_DRAWN, lcm, shared[1:], slice(1, None)))
-        for model, charged, left_out, drivers in (*models, (IDM, idm, idm.touches(to_T=end == "T"), slice(None))):
-            values = (charged.to_T if end == "T" else charged.to_H)[drivers][~left_out]
-            row[f"hv_to_{end}_{model}"] = float(values.mean()) if len(values) else np.nan
-            row[f"contacts_to_{end}_{model}"] = int(left_out.sum())
+    known: dict[int, dict[str, Row]] = {}
+    for (policy, accounting), plan in study.optimal.items():
+        row: Row = {"policy": policy, "accounting": accounting, "planned_with": study.model}
+        if plan.replay is None:
+            for model in (study.model, *SECOND_OPINIONS, *others):
+                yield row | {"scored_with": model, "contacts_to_T": 0, "contacts_to_H": 0}
+            continue
+        row["contact_after_T"] = bool((plan.replay.clearance_after_T < 0.0).any())
+        key = id(plan.replay)
+        if key not in known:
+            known[key] = {model: _scored_by(tracker, plan) for model, tracker in others.items()}
+        counterpart = study.rescored[id(study.optimal[COUNTERPART[policy], accounting].replay)]
+        for model, scored in (_as_planned(study, key, counterpart) | known[key]).items():
+            yield row | {"scored_with": model} | scored
+
+
+def _as_planned(study: Study, key: int, counterpart: Charged) -> dict[str, Row]:
+    """Losses of a plan by the drivers that planned it, by those drawn about them, and by the IDM.
+
+    key: ``id`` of its replay; counterpart: followers' loss of the policy that it is compared with: a mean over
+    draws is one over the same draws for both.
+    """
+    own, idm, av = study.rescored[key], study.idm[key], study.av_losses[key]
+    found: dict[str, Row] = {}
+    for model, charged, drivers in (
+        (study.model, own, slice(0, 1)),
+        (IDM_MOTORWAY, idm, slice(None)),
+        (DRAWN, own, slice(1, None)),
+    ):
+        found[model] = {"av_to_T": av[0], "av_to_H": av[1]}
+        for end, to_T, losses in (("T", True, charged.to_T), ("H", False, charged.to_H)):
+            met = charged.touches(to_T=to_T)
+            left_out = (met | counterpart.touches(to_T=to_T) if model == DRAWN else met)[drivers]
+            kept = losses[drivers][~left_out]
+            found[model] |= {f"hv_to_{end}": float(kept.mean()) if len(kept) else np.nan}
+            found[model] |= {f"contacts_to_{end}": int(left_out.sum())}
+    return found
+
+
+def _scored_by(tracker: PlanTracker, plan: Plan) -> Row:
+    """Losses of a plan among the followers of another model: the AV moves as planned, and drives on behind whom it
+    then meets.
+    """
+    assert plan.replay is not None, "asked for plans alone"
+    planned = plan.replay.av
+    copied = {name: getattr(planned, name).copy() for name in ("x", "y", "vx", "vy", "ax", "jerk")}
+    copied["ax"][planned.n :] = 0.0  # as the plan ends, before anything was driven after it
+    played = tracker.around(plan, replace(planned, **copied))
+    av = cross_scores.av_charged(played.av, tracker.problem.terms)
+    row: Row = {"av_to_T": av[0], "av_to_H": av[1]}
+    for end, accounting in (("T", names.PAPER), ("H", names.EQUAL)):
+        met = contact_of(tracker.problem, plan.policy, played, accounting)
+        row[f"hv_to_{end}"] = np.nan if met else tracker.loss_hv(replace(plan, accounting=accounting), played)
+        row[f"contacts_to_{end}"] = int(bool(met))
     return row
 
 

@@ -176,7 +176,7 @@ class PlanTracker:
         motion = tracked_motion(result)
         around = None
         if result.status != INVALID_REFERENCE:
-            around = self._around(plan, tracked_av(plan.replay.av, result, motion))
+            around = self.around(plan, tracked_av(plan.replay.av, result, motion))
         return DrivenPlan(plan, plan.replay, reference, result, motion, around)
 
     def _result(self, reference: Reference, plant: str) -> TrackingResult:
@@ -186,7 +186,10 @@ class PlanTracker:
         wheelbase = self.problem.scene.wheelbase
         return track(reference, wheelbase=wheelbase, settings=settings, shared=self._controller)
 
-    def _around(self, plan: Plan, av: AvMotion) -> Replay:
+    def around(self, plan: Plan, av: AvMotion) -> Replay:
+        """Everybody around another motion of the AV for a plan that has one; what the AV drives after it is filled
+        into ``av``.
+        """
         if plan.replay is not None and plan.replay.entry is not None:
             return replay_behind(self.starts, key_of(self.starts, plan.gap, plan.delay_s), av)
         packed = self.problem.packed
@@ -229,7 +232,7 @@ def reference_of(problem: PlanningProblem, plan: Plan, planned: Replay) -> Refer
     """The planned motion over 0 .. T as the controller's reference, a wait before it left out."""
     if plan.quintic is not None:
         return plan_reference(plan.quintic, problem.scene.dt)
-    human, av, used = problem.scene.human, planned.av, slice(0, planned.av.n + 1)
+    human, av, used = problem.scene.driver, planned.av, slice(0, planned.av.n + 1)
     columns = (av.x, av.y, av.vx, av.vy, human.ax, human.ay)
     return Reference(problem.scene.dt, *(column[used] for column in columns))
 

@@ -4,7 +4,9 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
+from highd_lc.vocab import names
 from highd_lc.vocab.recorder import RecorderSettings
+from highd_lc.vocab.studies import StatisticsSettings, StudySettings
 from highd_lc.vocab.tracking import TrackingSettings
 
 
@@ -215,10 +217,18 @@ class FollowerSettings(Section):
     model: Annotated[
         str,
         Field(
+            min_length=1,
             description="follower model that plans: population, own_fit, mean, table3, idm, naive ones, one of a "
-            "researcher's own; @start, @crossing, @0.3, +memory, +relaxation follow it"
+            "researcher's own; @start, @crossing, @0.3, +memory, +relaxation follow it",
         ),
     ] = "population"
+    also: Annotated[
+        tuple[Annotated[str, Field(min_length=1)], ...],
+        Field(description="follower models that plan a sample of the events as well"),
+    ] = ("own_fit",)
+    also_sample: Annotated[
+        int, Field(ge=0, le=100000, description="events in that sample, stratified and seeded; 0 = none")
+    ] = 500
     population: Annotated[
         str, Field(description="file of an exported population to use instead of fitting one; empty = fit")
     ] = ""
@@ -275,64 +285,11 @@ class PlannerSettings(Section):
     )
     parameters: Annotated[
         Literal["fitted", "mean", "table3"],
-        Field(description="followers' LCM: fitted to each, mean over all fitted, or Table 3"),
+        Field(description="of followers.model own_fit: fitted to each; mean, table3: that model instead"),
     ] = "fitted"
     human_smoothing_s: Annotated[
         float, Field(gt=0, le=5, description="Savitzky-Golay window over the recorded ego path [s]")
     ] = 1.5
-
-
-class StatisticsSettings(Section):
-    """Population statistics (equations.md 12)."""
-
-    bootstrap: Annotated[int, Field(ge=100, le=100000, description="bootstrap samples over recordings")] = 2000
-    confidence: Annotated[float, Field(gt=0.5, lt=1, description="coverage of the intervals")] = 0.95
-    tie_band: Annotated[float, Field(ge=0, lt=1, description="relative difference that counts as a tie")] = 0.001
-
-
-class StudySettings(Section):
-    """Scores under what was not optimised, and studies on a stratified, seeded sample (equations.md 12)."""
-
-    sample: Annotated[
-        int, Field(ge=0, le=100000, description="events in the sample: Pareto, uncertainty, horizon; 0 = none")
-    ] = 50
-    chosen: Annotated[
-        tuple[str, ...], Field(description="ids of events to study instead of a sample; empty = sample")
-    ] = ()
-    start_sample: Annotated[
-        int, Field(ge=0, le=100000, description="events in the sample whose start is chosen; 0 = none")
-    ] = 500
-    foresight_sample: Annotated[
-        int, Field(ge=0, le=100000, description="events of it planned with predicted leaders as well; 0 = none")
-    ] = 25
-    multibody_sample: Annotated[
-        int, Field(ge=0, le=100000, description="events whose plans the multi-body car drives too; 0 = none")
-    ] = 50
-    draws: Annotated[
-        int, Field(ge=1, le=1000, description="K: parameter draws within each follower's spread (all events)")
-    ] = 20
-    replans: Annotated[
-        int, Field(ge=1, le=1000, description="draws with which an event of the sample is planned again")
-    ] = 10
-    horizons_s: Annotated[
-        tuple[Annotated[float, Field(ge=2, le=60, multiple_of=0.5)], ...],
-        Field(
-            description="H of the sensitivity [s], each at most loss.horizon_s (equations.md 4.6); "
-            "of the default those that are"
-        ),
-    ] = (5.0, 8.0, 10.0)
-    omegas: Annotated[
-        tuple[Annotated[float, Field(ge=0, le=1)], ...],
-        Field(
-            min_length=2, description="weights of the AV in the sweep beside the Pareto front (equations.md 7.3)"
-        ),
-    ] = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0)
-    population: Annotated[int, Field(ge=8, le=10000, description="NSGA-II population")] = 80
-    generations: Annotated[int, Field(ge=1, le=10000, description="NSGA-II generations")] = 50
-    solver_sample: Annotated[
-        int, Field(ge=0, le=100000, description="events in the sample on which SLSQP is compared; 0 = none")
-    ] = 12
-    solver_starts: Annotated[int, Field(ge=1, le=1000, description="starts of SLSQP")] = 5
 
 
 class ValidateSettings(Section):
@@ -345,6 +302,26 @@ class ValidateSettings(Section):
     tracking: TrackingSettings = TrackingSettings()
     statistics: StatisticsSettings = StatisticsSettings()
     studies: StudySettings = StudySettings()
+    trajectories: Annotated[
+        Literal["auto", "all", "sample", "none"],
+        Field(description="events whose motions are written; auto = all up to 1,000 events, then a sample of 500"),
+    ] = "auto"
+
+    @property
+    def follower_models(self) -> tuple[str, ...]:
+        """Follower models that plan: the default, for every event, then those for a sample."""
+        default, parameters = self.followers.model, self.planner.parameters
+        if default == names.OWN_FIT and parameters != "fitted":
+            default = parameters
+        return tuple(dict.fromkeys((default, *(self.followers.also if self.followers.also_sample else ()))))
+
+    @model_validator(mode="after")
+    def _one_default_model(self) -> "ValidateSettings":
+        """Parameters of everybody alike are a model of their own, and only one of them can plan."""
+        parameters, model = self.planner.parameters, self.followers.model
+        if parameters != "fitted" and model not in (names.OWN_FIT, parameters):
+            raise ValueError(f"planner.parameters = {parameters}: only with followers.model = {names.OWN_FIT}")
+        return self
 
     @model_validator(mode="after")
     def _within_the_horizon(self) -> "ValidateSettings":

@@ -8,7 +8,7 @@ from numpy.polynomial import Polynomial
 
 from highd_lc.core import quintic
 from highd_lc.core.losses import cumulative_comfort, cumulative_efficiency
-from highd_lc.core.quintic import Quintic, forward_extrema, sample, speed_extrema
+from highd_lc.core.quintic import Quintic, first_past, forward_extrema, sample, speed_extrema, z_shape
 
 Z = Polynomial([0, 0, 0, 10, -15, 6])
 Q = Polynomial([0, 0, 0, -4, 7, -3])
@@ -120,3 +120,18 @@ def test_speed_extrema_are_those_of_dense_sampling(plan):
 def test_an_unaccelerated_plan_has_flat_extrema():
     assert forward_extrema(0.0, 0.0, 25.0, 5.0) == (25.0, 25.0, 0.0, 0.0)
     assert speed_extrema(0.0, 0.0, 25.0, 0.0, 5.0) == (25.0, 25.0)
+
+
+@pytest.mark.parametrize(
+    ("share", "n", "sample"), [(0.0, 40, 0), (0.5, 40, 20), (0.5, 41, 20), (1.0, 40, 40), (0.103515625, 40, 10)]
+)
+def test_first_sample_past_a_share_of_the_way(share, n, sample):
+    # z(1/4) = 106 / 1024.
+    assert first_past(share, n) == sample
+
+
+@given(st.floats(0.01, 0.99).filter(lambda share: share != 0.5), st.integers(2, 150))
+def test_a_share_is_made_at_that_sample_and_not_before(share, n):
+    k = first_past(share, n)
+    assert z_shape(k / n) >= share - 1e-9
+    assert z_shape((k - 1) / n) < share

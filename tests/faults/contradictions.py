@@ -223,7 +223,7 @@ def _places() -> Iterator[Fault]:
 
 
 def _rates() -> Iterator[Fault]:
-    for rate in (4, 12.5, 25):
+    for rate in (6, 12.5, 25):
         yield Fault(
             f"{rate} Hz", put("m", frameRate=rate), says=f"frameRate 10 instead of {rate:g}|frameRate 9.99"
         )

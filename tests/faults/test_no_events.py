@@ -44,7 +44,7 @@ def test_the_population_of_nobody_is_empty_tables(empty: Path, stage: object) ->
 
 @pytest.mark.parametrize("name", OVERVIEW_PAGES)
 def test_every_page_can_be_made_of_nothing(empty: Path, name: str) -> None:
-    page = page_of(name, Overview(empty, raw=False, statistics=Settings().validation.statistics)).decode()
+    page = page_of(name, Overview(empty, False, Settings().validation.statistics, 9.0, "own_fit")).decode()
     if name in (*_RESULTS, "summary.html", "index.html"):
         assert "no usable event" in page
     assert ">NaN<" not in page

@@ -107,7 +107,7 @@ def test_a_recording_that_changes_during_the_run_is_not_believed(
     assert [p.message for p in outcome.problems] == [
         f"{changed}: changed during the run; run again to read it anew"
     ]
-    assert not artefacts.tracks_folder(place.work, 1).exists()
+    assert not artefacts.partition(place.work, "tracks", 1).exists()
     assert not artefacts.part_folder(place.work, "ingest", 1).exists()
     assert set(artefacts.read(place.work, "events")["recording_id"]) == {2}
 

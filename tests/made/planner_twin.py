@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from highd_lc.planning.candidates import LossTerms, Outcomes
 from highd_lc.planning.contacts import NO_CONTACT
-from highd_lc.planning.scene import PackedScene
+from highd_lc.planning.scene import MOMENT, PackedScene
 from highd_lc.vocab.driver import TABLE3_MEANS
 
 FloatArray = NDArray[np.float64]
@@ -29,6 +29,19 @@ def lcm(
     v_desire, A, b, B, tau, L = parameters
     wanted = np.maximum(v**2 / (2 * b) - v_leader**2 / (2 * B) + v * tau + L, L)
     return np.maximum(A * (1 - v / v_desire - np.exp(np.minimum(1 - spacing / wanted, 40))), -hardest)
+
+
+def command(
+    family: int, v: FloatArray, spacing: FloatArray, v_leader: FloatArray, length: FloatArray, parameters: tuple
+) -> FloatArray:
+    """What a family asks for: nothing, the LCM or the IDM, not bounded."""
+    if family == 0:
+        return np.zeros_like(v)
+    if family == 1:
+        return lcm(v, spacing, v_leader, parameters, np.inf)
+    v_desire, A, b, _, T, s0 = parameters
+    wanted = s0 + np.maximum(0.0, v * T + v * (v - v_leader) / (2 * np.sqrt(A * b)))
+    return A * (1 - (v / v_desire) ** 4 - (wanted / np.maximum(spacing - length, 0.1)) ** 2)
 
 
 def evaluate(n: IntArray, delta: FloatArray, change: FloatArray, scene: PackedScene, terms: LossTerms) -> Outcomes:
@@ -91,14 +104,16 @@ def _followers(n: IntArray, front: FloatArray, vx: FloatArray, scene: PackedScen
     """The followers' losses to T and to H, and their box centres, each of shape (candidates, samples)."""
     ahead, ahead_v = front.copy(), vx.copy()
     to_T, to_H, centres = np.zeros(len(n)), np.zeros(len(n)), []
-    inserted = n // 2 if scene.from_crossing else np.zeros_like(n)
+    inserted = joining_samples(n, scene.reactions[0, MOMENT])
     before = np.arange(front.shape[1]) < inserted[:, None]
     ahead, ahead_v = np.where(before, scene.target_front, ahead), np.where(before, scene.target_v, ahead_v)
     for i, parameters in enumerate(scene.parameters):
         half = scene.follower_length[i] / 2
         L = np.where(before & (i == 0), scene.first_L, parameters[5])
+        length = np.where(before, scene.target_length, scene.length) if i == 0 else scene.follower_length[i - 1]
         start = scene.follower_x[i] + half, scene.follower_v[i]
-        ahead, ahead_v, a = _follow(ahead, ahead_v, start, (*parameters[:5], L), scene)
+        leader = (ahead, ahead_v, np.broadcast_to(length, L.shape))
+        ahead, ahead_v, a = _react(leader, start, (*parameters[:5], L), i, inserted, scene)
         jerk = np.abs(np.diff(a, axis=1, prepend=a[:, :1])) / scene.dt
         loss = terms.comfort * jerk + speed_loss(ahead_v, terms.hv_ref[i], terms)
         to_T, to_H = to_T + terms.weights[i] * charged(loss, n), to_H + terms.weights[i] * loss.sum(axis=1)
@@ -106,14 +121,54 @@ def _followers(n: IntArray, front: FloatArray, vx: FloatArray, scene: PackedScen
     return to_T, to_H, centres
 
 
+def joining_samples(n: IntArray, moment: float) -> IntArray:
+    """Sample at which each candidate's AV has made that share of its lateral way; half of it is n // 2."""
+    if moment == 0.5:
+        return n // 2
+    return np.array([np.argmax(Z(np.arange(m + 1) / m) >= moment - 1e-9) for m in n])
+
+
+def _react(
+    leader: tuple, start: tuple, parameters: tuple, i: int, inserted: IntArray, scene: PackedScene
+) -> tuple:
+    """Fronts, speeds and commands of follower i behind the fronts, speeds and lengths of its leader."""
+    family, memory, relaxation, need, a_0, drift, _ = scene.reactions[i]
+    ahead, ahead_v, length = leader
+    _, _, b, B, tau, every_L = parameters
+    front, v, a = (np.empty_like(ahead) for _ in range(3))
+    front[:, 0], v[:, 0] = start
+    jump, v_jump, dt = np.zeros(len(ahead)), np.zeros(len(ahead)), scene.dt
+    for k in range(ahead.shape[1]):
+        spacing, v_leader, now, L = ahead[:, k] - front[:, k], ahead_v[:, k], v[:, k], every_L[:, k]
+        joins = (k == inserted) & (i == 0) & (relaxation > 0)
+        wanted = L + now * tau
+        if family == 1:
+            wanted = np.maximum(now**2 / (2 * b) - v_leader**2 / (2 * B) + now * tau + L, L)
+        had = np.minimum(scene.target_front[k] - front[:, k], 2 * wanted)
+        alone = np.isinf(scene.target_front[k])
+        jump = np.where(joins, np.maximum((wanted if alone else had) - spacing, 0), jump)
+        v_jump = np.where(joins, 0.0 if alone else scene.target_v[k] - v_leader, v_jump)
+        share = np.maximum(1 - (k - inserted) * dt / relaxation, 0) if relaxation > 0 else 0.0
+        seen, v_seen = spacing + share * jump, np.maximum(v_leader + share * v_jump, 0)
+        m = np.exp(-(scene.clock + k * dt) / memory) if memory > 0 else 0.0
+        wish = command(int(family), now, seen, v_seen, length[:, k], (*parameters[:5], L)) + drift
+        wish = m * a_0 + (1 - m) * wish
+        required = np.maximum(now - v_leader, 0) ** 2 / (2 * np.maximum(spacing - length[:, k] - 1.0, 0.1))
+        wish = np.where(required > need, np.minimum(wish, -required), wish)
+        a[:, k] = np.maximum(wish, -scene.hardest)
+        if k + 1 < ahead.shape[1]:
+            v[:, k + 1] = np.maximum(now + a[:, k] * dt, 0.0)
+            front[:, k + 1] = front[:, k] + v[:, k + 1] * dt
+    return front, v, a
+
+
 def _follow(ahead: FloatArray, ahead_v: FloatArray, start: tuple, parameters: tuple, scene: PackedScene) -> tuple:
-    """Fronts, speeds and commands of a vehicle behind the given fronts and speeds; L may change in time."""
+    """Fronts, speeds and commands of an LCM driver behind the given fronts and speeds."""
     front, v, a = (np.empty_like(ahead) for _ in range(3))
     dt = scene.dt
     front[:, 0], v[:, 0] = start
     for k in range(ahead.shape[1]):
-        L = parameters[5][:, k] if np.ndim(parameters[5]) else parameters[5]
-        a[:, k] = lcm(v[:, k], ahead[:, k] - front[:, k], ahead_v[:, k], (*parameters[:5], L), scene.hardest)
+        a[:, k] = lcm(v[:, k], ahead[:, k] - front[:, k], ahead_v[:, k], parameters, scene.hardest)
         if k + 1 < ahead.shape[1]:
             v[:, k + 1] = np.maximum(v[:, k] + a[:, k] * dt, 0.0)
             front[:, k + 1] = front[:, k] + v[:, k + 1] * dt

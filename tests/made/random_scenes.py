@@ -54,6 +54,7 @@ def random_scene(
         width=WIDTH,
         wheelbase=0.6 * length,
         dt=DT,
+        horizon=horizon,
         target_leader=car(0.85, rng.uniform(6, 74), D, v0 + 2.5 * rng.normal()),
         origin_leader=car(0.8, rng.uniform(4, 54), 0.0, v0 - rng.uniform(0, 4)),
         origin_follower=car(0.7, -rng.uniform(4, 54), 0.0, v0 + 1.5 * rng.normal()),
@@ -73,6 +74,31 @@ def _followers(
     return Followers(
         x, y, v, np.full(p, CAR), np.full(p, WIDTH), parameters, float(parameters[0, 5]) + 1.0, recorded
     )
+
+
+REACTIONS = {
+    "memory": (2.0, 9.0),
+    "relaxation": (5.0, 20.0),
+    "need": (0.5, 2.0),
+    "a_0": (-0.6, 0.6),
+    "drift": (-0.3, 0.3),
+}
+"""Ranges of how followers may react: seconds, and accelerations in m/s^2."""
+
+
+def reacting(
+    scene: Scene,
+    rng: np.random.Generator,
+    *,
+    family: str = names.LCM,
+    moment: float | None = None,
+    parts: tuple[str, ...] = tuple(REACTIONS),
+) -> Scene:
+    """The same scene with followers that react each in its own way. parts: which of ``REACTIONS`` they have."""
+    p = len(scene.followers.x)
+    drawn = {part: rng.uniform(*REACTIONS[part], p) for part in parts}
+    share = None if moment is None else np.full(p, moment)
+    return replace(scene, followers=replace(scene.followers, family=family, moment=share, **drawn))
 
 
 def _human(v0: float) -> Human:

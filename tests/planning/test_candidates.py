@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import planner_twin
 import pytest
-from random_scenes import random_scene, task_of
+from random_scenes import random_scene, reacting, task_of
 
 from highd_lc.planning.candidates import evaluate
 from highd_lc.planning.scene import contact_words, obstacle_roles
@@ -92,14 +92,58 @@ def test_every_convention_has_the_same_twin(section):
     check(*compared(scene, ValidateSettings.model_validate(section)))
 
 
+@pytest.mark.parametrize("moment", [None, 0.0, 0.2, 0.5, 0.8])
+@pytest.mark.parametrize("family", names.FAMILIES)
+def test_followers_that_react_are_those_of_the_twin(family, moment):
+    for seed in range(3):
+        rng = np.random.default_rng(seed)
+        scene = reacting(random_scene(rng, crowding=1.0 + seed), rng, family=family, moment=moment)
+        check(*compared(scene, seed=seed))
+
+
+@pytest.mark.parametrize("part", ["memory", "relaxation", "need", "drift"])
+def test_every_part_of_a_reaction_has_the_same_twin_and_a_meaning(part):
+    rng = np.random.default_rng(7)
+    scene = random_scene(rng, crowding=2.0)
+    found, wanted = compared(reacting(scene, rng, parts=(part, "a_0") if part == "memory" else (part,)))
+    check(found, wanted)
+    assert not np.allclose(found.hv_H, compared(scene)[0].hv_H)
+
+
+def test_without_an_old_leader_a_follower_credits_no_more_than_it_desires():
+    rng = np.random.default_rng(4)
+    scene = replace(random_scene(rng), target_leader=None)
+    check(*compared(reacting(scene, rng, parts=("relaxation",))))
+
+
+BARE = {"memory": 0.0, "relaxation": 0.0, "drift": 0.0, "need": np.inf, "a_0": 0.7}
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize(
+    ("neutral", "rtol"), [(BARE, 0.0), ({"need": 1e300, "a_0": 0.7}, 1e-12), ({"drift": 1e-300}, 1e-12)]
+)
+def test_reactions_that_change_nothing_are_bare_followers(seed, neutral, rtol):
+    # To the last bit where every part is absent; present ones run through machine code of their own.
+    scene = random_scene(np.random.default_rng(seed), crowding=2.0)
+    same = replace(scene, followers=replace(scene.followers, **{k: np.full(3, v) for k, v in neutral.items()}))
+    bare, full = task_of(scene), task_of(same)
+    first = evaluate(DURATIONS, *candidates(seed), bare.scene, bare.terms)
+    second = evaluate(DURATIONS, *candidates(seed), full.scene, full.terms)
+    for one, two in zip(first, second, strict=True):
+        np.testing.assert_allclose(one, two, rtol=rtol, atol=0.0)
+
+
 def test_nobody_ahead_and_nobody_behind_on_the_old_lane():
     scene = random_scene(np.random.default_rng(4))
     check(*compared(replace(scene, target_leader=None, origin_leader=None, origin_follower=None)))
 
 
-def test_a_row_does_not_depend_on_its_company():
-    scene = random_scene(np.random.default_rng(5))
-    task = task_of(scene)
+@pytest.mark.parametrize("reacts", [False, True])
+def test_a_row_does_not_depend_on_its_company(reacts):
+    rng = np.random.default_rng(5)
+    scene = random_scene(rng)
+    task = task_of(reacting(scene, rng, moment=0.5) if reacts else scene)
     delta, change = candidates(1)
     together = evaluate(DURATIONS, delta, change, task.scene, task.terms)
     for row in range(len(DURATIONS)):

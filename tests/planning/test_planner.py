@@ -133,7 +133,9 @@ def test_overlap_at_the_start_is_a_status_with_its_margins():
         assert plan.replay is None
         assert plan.margins[f"clearance_{names.target_follower(1)}"] < 0
         assert np.isnan(plan.objective)
-    assert plans[names.HUMAN, names.EQUAL].status == names.REFERENCE
+    # Recorded all the same; the follower beside it is driven through from the crossing on.
+    assert plans[names.HUMAN, names.EQUAL].status == names.CONTACT
+    assert plans[names.HUMAN, names.EQUAL].replay is not None
 
 
 def test_no_room_on_the_target_lane_is_a_status_with_reasons():
@@ -148,7 +150,7 @@ def test_no_room_on_the_target_lane_is_a_status_with_reasons():
         plan = plans[policy, names.EQUAL]
         assert plan.status == names.INFEASIBLE
         assert plan.replay is None
-        assert plan.rejected_by[f"clearance_{names.TARGET_LEADER}"] > 0
+        assert sum(n for reason, n in plan.rejected_by.items() if names.TARGET_LEADER in reason) > 0
         assert sum(plan.rejected_by.values()) == plan.candidates
         assert plan.margins[f"clearance_{names.TARGET_LEADER}"] < 0
         assert plan.margins["speed"] > 0
@@ -211,7 +213,8 @@ def test_the_human_is_never_rejected_and_its_violations_are_listed():
     wild = replace(scene.human, ay=scene.human.ay + 9.5)
     _, plans = planned(replace(scene, human=wild))
     plan = plans[names.HUMAN, names.EQUAL]
-    assert plan.status == names.REFERENCE
+    assert plan.replay is not None
+    assert plan.status in (names.REFERENCE, names.CONTACT)
     assert plan.margins["acceleration_y"] == pytest.approx(-1.5)
 
 

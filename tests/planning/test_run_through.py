@@ -10,7 +10,7 @@ from highd_lc.planning import planner
 from highd_lc.planning.lane import first_contact
 from highd_lc.planning.scene import contact_words
 from highd_lc.planning.start_planner import plan_starts
-from highd_lc.scoring.cross_scores import idm_followers, lcm_followers
+from highd_lc.scoring.cross_scores import drawn_followers, idm_followers
 from highd_lc.vocab import names
 from highd_lc.vocab.settings import ConstraintSettings, FollowerSettings, ValidateSettings
 
@@ -120,7 +120,7 @@ def test_draws_with_a_contact_are_told_from_the_others():
     careless = problem.packed.parameters.copy()
     careless[1] = 60.0, 1.5, 9.0, 9.0, 0.05, 2.0  # hurries up to HV_1 and sees it late
     draws = np.stack([problem.packed.parameters, careless])
-    found = lcm_followers(plan.replay.av, problem.packed, problem.terms, draws)
+    found = drawn_followers(plan.replay.av, problem.packed, problem.terms, draws)
     for k, parameters in enumerate(draws):
         packed = problem.packed._replace(parameters=parameters)
         played = planner.replay(planner.plan_motion(plan.quintic, packed), packed)

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from fine_grid import fine_grid
-from random_scenes import GOALS, mirrored, random_scene, task_of
+from random_scenes import GOALS, mirrored, random_scene, reacting, task_of
 
 from highd_lc.planning.limits import CONSTRAINTS, violations
 from highd_lc.planning.pool import Goal, Pool, Task
@@ -29,6 +29,13 @@ def assert_not_worse(found: np.ndarray, fine: list[float]) -> None:
 @pytest.mark.parametrize("seed", range(20))
 def test_no_fixed_plan_is_better_on_a_very_fine_grid(seed, crowding):
     task = task_of(random_scene(np.random.default_rng(seed), crowding=crowding))
+    assert_not_worse(lowest(search(task, GOALS)), fine_grid(task, GOALS, nodes=801))
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_no_fixed_plan_among_followers_that_react_is_better_on_a_very_fine_grid(seed):
+    rng = np.random.default_rng(seed)
+    task = task_of(reacting(random_scene(rng), rng, moment=0.5))
     assert_not_worse(lowest(search(task, GOALS)), fine_grid(task, GOALS, nodes=801))
 
 

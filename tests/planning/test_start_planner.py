@@ -4,10 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from random_scenes import random_scene
+from random_scenes import random_scene, reacting
 
 from highd_lc.core.quintic import sample
 from highd_lc.planning.planner import Plan, goals, plan_all, pose
+from highd_lc.planning.replay import follow, joins
 from highd_lc.planning.search import search
 from highd_lc.planning.start_planner import plan_starts, replay_start, start_pools
 from highd_lc.planning.starts import CONTAINED, best_of, pose_starts
@@ -287,3 +288,20 @@ def test_on_a_free_road_a_sample_of_waiting_costs_the_av_its_speed_difference_le
     waiting = terms.efficiency * abs(terms.av_ref - scene.v0)
     for d, loss in zip((1, 20), losses[1:], strict=True):
         assert loss - losses[0] == pytest.approx(d * waiting - charge[-d:].sum(), rel=1e-9)
+
+
+@pytest.mark.parametrize("moment", [0.0, 0.3, 0.5])
+def test_a_follower_has_one_clock_however_long_the_av_waits(moment):
+    # A start is planned as an event of its own; the followers must move as in one simulation from t_start on.
+    rng = np.random.default_rng(3)
+    problem = pose(reacting(random_scene(rng), rng, moment=moment), with_planner(waiting="lcm"))
+    posed, packed = pose_starts(problem), problem.packed
+    delays = posed.delays(0)[::10]
+    assert len(delays) > 2
+    for d in delays:
+        played = replay_start(posed, (0, int(d)), posed.task((0, int(d))).quintic(45, 2.0, 0.0))
+        insertion = max(joins(played.av, packed), int(d))
+        x, v, a = (np.empty_like(played.x) for _ in range(3))
+        follow(played.av.x + packed.length / 2.0, played.av.vx, insertion, packed, x, v, a)
+        for found, wanted in ((played.x, x), (played.v, v), (played.a, a)):
+            np.testing.assert_allclose(found, wanted, rtol=1e-9, atol=1e-9)

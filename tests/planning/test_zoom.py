@@ -7,7 +7,7 @@ import pytest
 from random_scenes import GOALS, random_scene, task_of
 
 from highd_lc.planning import zoom
-from highd_lc.planning.contacts import LANES
+from highd_lc.planning.contacts import WIDTH
 from highd_lc.planning.limits import forward_interval
 from highd_lc.planning.pool import OVERTAKES, Before, Task
 from highd_lc.planning.search import search
@@ -17,7 +17,7 @@ from highd_lc.planning.zoom import Starts, follow_valleys
 def twin(
     task: Task, starts: Starts, levels: int, free: bool
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """delta, change and objective of shape (levels, S, LANES) and the best objective of each start."""
+    """delta, change and objective of shape (levels, S, WIDTH) and the best objective of each start."""
     found = [_one(task, starts, s, levels, free) for s in range(len(starts.n))]
     delta, change, objective = (np.stack([one[k] for one in found], axis=1) for k in range(3))
     return delta, change, objective, objective.min(axis=(0, 2))
@@ -101,4 +101,4 @@ def test_a_later_start_may_not_end_ahead_of_its_leader():
     assert (clouds.codes > 0).all()
     assert (clouds.codes == OVERTAKES).any()
     assert (best == -1).all()
-    assert clouds.delta.shape == (2, len(GOALS), LANES)
+    assert clouds.delta.shape == (2, len(GOALS), WIDTH)

@@ -1,7 +1,9 @@
 """Losses and clearances of every plan from the artefacts alone, written from the equations.
 
 Shares no code with the product. Plain numpy and pandas, one event and one plan at a time, under the conventions of
-the default settings: recorded leaders, LCM after T, followers behind the AV from the start, weighted aggregation.
+the default settings: recorded leaders, LCM after T, weighted aggregation. Followers are those of
+``follower_models`` where that is among the tables, else the fitted ones, which follow the AV from the start and do
+nothing else.
 """
 
 from dataclasses import dataclass, replace
@@ -15,6 +17,15 @@ H = 15.0
 V_REF = 33.54
 N_COMFORT, N_EFFICIENCY = 8.0, 33.54
 TABLE3_MEAN = {"v_desire": 33.54, "A": 4.91, "tau": 0.93, "L": 4.82, "b": 6.93, "B": 6.44}
+BARE = {
+    "family": "lcm",
+    "memory_s": 0.0,
+    "relaxation_s": 0.0,
+    "need": np.inf,
+    "a_0": 0.0,
+    "drift": 0.0,
+    "moment": 0.0,
+}
 L_BOUNDS = 2.0, 25.0
 B_MAX = 9.0
 HUMAN_WINDOW_S = 1.5
@@ -37,7 +48,10 @@ class Vehicle:
 
 @dataclass(frozen=True)
 class Event:
-    """An event's vehicles by role, its followers nearest first with their LCM, and the ego's recorded path."""
+    """An event's vehicles by role, its followers nearest first with their models, and the ego's recorded path.
+
+    L_unmoved: L of the first follower behind the target leader; crossing: the ego's, in samples.
+    """
 
     D: float
     duration: float
@@ -48,11 +62,15 @@ class Event:
     lcm: list[dict[str, float]]
     L_unmoved: float
     path: pd.DataFrame
+    crossing: int
 
 
 @dataclass(frozen=True)
 class Drive:
-    """The AV on the grid. j: |jx| + |jy| of the prescribed samples; a: LCM commands from the last of them on."""
+    """The AV on the grid. j: |jx| + |jy| of the prescribed samples; a: LCM commands from the last of them on.
+
+    joins: the sample from which the first follower has it as leader.
+    """
 
     T: float
     x: np.ndarray
@@ -61,6 +79,7 @@ class Drive:
     vy: np.ndarray
     j: np.ndarray
     a: np.ndarray
+    joins: int
 
 
 # --- the scene ---------------------------------------------------------------------------------------------------
@@ -83,8 +102,8 @@ def on_grid(track: pd.DataFrame, box: pd.Series) -> Vehicle:
     return Vehicle(box["length"], box["width"], hermite("x", "vx") + v * (GRID - seen), hermite("y", "vy"), v)
 
 
-def read_event(tables: dict[str, pd.DataFrame], event_id: str) -> Event:
-    """One event on the grid."""
+def read_event(tables: dict[str, pd.DataFrame], event_id: str, model: str = "population") -> Event:
+    """One event on the grid. model: which of ``follower_models`` its followers drive by."""
     event = tables["events"].set_index("event_id").loc[event_id]
     rows = tables["event_tracks"][tables["event_tracks"]["event_id"] == event_id].sort_values("t")
     of_recording = tables["vehicles"]["recording_id"] == event["recording_id"]
@@ -93,22 +112,47 @@ def read_event(tables: dict[str, pd.DataFrame], event_id: str) -> Event:
     cars = {
         role: on_grid(track, boxes.loc[track["vehicle_id"].iloc[0]]) for role, track in from_start.groupby("role")
     }
+    drivers, unmoved = (
+        modelled(tables, event_id, model) if "follower_models" in tables else fitted(tables, event_id, cars)
+    )
+    ego = cars.pop("ego")
+    followers = [cars.pop(f"target_follower_{rank + 1}") for rank in range(len(drivers))]
+    path = rows[rows["role"] == "ego"]
+    leader = leading(cars, event)
+    crossing = round((event["crossing_frame"] - event["start_frame"]) / event["frame_rate"] / DT)
+    return Event(
+        event["lateral_shift_m"],
+        event["duration_s"],
+        ego,
+        cars,
+        leader,
+        followers,
+        drivers,
+        unmoved,
+        path,
+        crossing,
+    )
+
+
+def fitted(tables: dict[str, pd.DataFrame], event_id: str, cars: dict[str, Vehicle]) -> tuple[list[dict], float]:
+    """The fitted LCM of each follower, and L of the first one behind the target leader."""
     fits = tables["followers"][tables["followers"]["event_id"] == event_id].sort_values("follower")
     drivers = [
-        {name: row[name] for name in ("v_desire", "A", "b", "B", "tau")} | {"L": row["L_replay"]}
+        BARE | {name: row[name] for name in ("v_desire", "A", "b", "B", "tau")} | {"L": row["L_replay"]}
         for _, row in fits.iterrows()
     ]
     unmoved = fits.iloc[0]["L"]
     if "target_leader" in cars and np.isfinite(fits.iloc[0]["leader_length_m"]):
         moved = unmoved - fits.iloc[0]["leader_length_m"] + cars["target_leader"].length
         unmoved = min(max(moved, L_BOUNDS[0]), L_BOUNDS[1])
-    ego = cars.pop("ego")
-    followers = [cars.pop(f"target_follower_{rank}") for rank in fits["follower"]]
-    path = rows[rows["role"] == "ego"]
-    leader = leading(cars, event)
-    return Event(
-        event["lateral_shift_m"], event["duration_s"], ego, cars, leader, followers, drivers, unmoved, path
-    )
+    return drivers, unmoved
+
+
+def modelled(tables: dict[str, pd.DataFrame], event_id: str, model: str) -> tuple[list[dict], float]:
+    """The same of a follower model."""
+    rows = tables["follower_models"]
+    rows = rows[(rows["event_id"] == event_id) & (rows["model"] == model)].sort_values("follower")
+    return rows.to_dict("records"), rows.iloc[0]["L_before"]
 
 
 def leading(cars: dict[str, Vehicle], event: pd.Series) -> Vehicle | None:
@@ -128,13 +172,52 @@ def leading(cars: dict[str, Vehicle], event: pd.Series) -> Vehicle | None:
 # --- motion ------------------------------------------------------------------------------------------------------
 
 
+def desired(p: dict[str, float], v: float, v_leader: float) -> float:
+    """Desired spacing of the LCM; of the IDM its gap at a common speed."""
+    if p.get("family") == "idm":
+        return p["L"] + v * p["tau"]
+    return max(v**2 / (2 * p["b"]) - v_leader**2 / (2 * p["B"]) + v * p["tau"] + p["L"], p["L"])
+
+
 def lcm_acceleration(p: dict[str, float], v: float, leader: tuple[float, float] | None) -> float:
     """LCM [10-11], braking bounded. leader: its spacing front to front and its speed; None = free road."""
-    if leader is None:
-        return p["A"] * (1 - v / p["v_desire"])
-    s, v_leader = leader
-    wanted = max(v**2 / (2 * p["b"]) - v_leader**2 / (2 * p["B"]) + v * p["tau"] + p["L"], p["L"])
-    return max(p["A"] * (1 - v / p["v_desire"] - np.exp(1 - s / wanted)), -B_MAX)
+    s, v_leader = leader or (np.inf, 0.0)
+    exponent = min(1 - s / desired(p, v, v_leader), 40.0)
+    return max(p["A"] * (1 - v / p["v_desire"] - np.exp(exponent)), -B_MAX)
+
+
+def command(p: dict[str, float], v: float, s: float, v_leader: float, length: float) -> float:
+    """What a model's family asks for behind a leader of that length; s: spacing, infinite = free road."""
+    if p["family"] == "none":
+        return 0.0
+    if p["family"] == "lcm":
+        return p["A"] * (1 - v / p["v_desire"] - np.exp(min(1 - s / desired(p, v, v_leader), 40.0)))
+    wanted = p["L"] + max(0.0, v * p["tau"] + v * (v - v_leader) / (2 * np.sqrt(p["A"] * p["b"])))
+    return p["A"] * (1 - (v / p["v_desire"]) ** 4 - (wanted / max(s - length, 0.1)) ** 2)
+
+
+@dataclass
+class Driver:
+    """A follower at the wheel. credit: jump of spacing and speed at its change of leader, at sample ``since``."""
+
+    credit: tuple[float, float] = (0.0, 0.0)
+    since: int = 0
+
+    def changes(self, p: dict[str, float], k: int, v: float, new: tuple, old: tuple) -> None:
+        """At sample k its leader becomes another. new, old: spacing and speed of both; infinite = none."""
+        wanted = desired(p, v, new[1])
+        had, jump_v = (wanted, 0.0) if np.isinf(old[0]) else (min(old[0], 2 * wanted), old[1] - new[1])
+        self.credit, self.since = (max(had - new[0], 0.0), jump_v), k
+
+    def decides(self, p: dict[str, float], k: int, v: float, leader: tuple[float, float, float]) -> float:
+        """Its command k samples after t_start. leader: spacing, speed and length."""
+        s, v_leader, length = leader
+        left = max(1 - (k - self.since) * DT / p["relaxation_s"], 0.0) if p["relaxation_s"] > 0 else 0.0
+        seen = s + left * self.credit[0], max(v_leader + left * self.credit[1], 0.0)
+        m = np.exp(-k * DT / p["memory_s"]) if p["memory_s"] > 0 else 0.0
+        a = m * p["a_0"] + (1 - m) * (command(p, v, *seen, length) + p["drift"])
+        required = max(v - v_leader, 0.0) ** 2 / (2 * max(s - length - 1.0, 0.1))
+        return max(min(a, -required) if required > p["need"] else a, -B_MAX)
 
 
 def quintic(times: np.ndarray, plan: pd.Series, v0: float, D: float) -> dict[str, np.ndarray]:
@@ -185,7 +268,15 @@ def drive(event: Event, plan: pd.Series) -> Drive:
     x[: n + 1], vx[: n + 1], y[: n + 1], vy[: n + 1] = m["x"], m["vx"], m["y"], m["vy"]
     y[n:] = m["y"][-1]
     a = follow_leader(event, x, vx, n, event.leader)
-    return Drive(plan["T"], x, vx, y, vy, np.abs(m["jx"]) + np.abs(m["jy"]), a)
+    joins = joining(event.lcm[0]["moment"], y / event.D, event.crossing if human else n // 2)
+    return Drive(plan["T"], x, vx, y, vy, np.abs(m["jx"]) + np.abs(m["jy"]), a, joins)
+
+
+def joining(moment: float, made: np.ndarray, crossing: int) -> int:
+    """First sample at which the AV has made that share of its lateral way; half of it is its crossing."""
+    if moment in (0.0, 0.5):
+        return crossing if moment else 0
+    return int(np.argmax(made >= moment - 1e-9)) if (made >= moment - 1e-9).any() else LAST + 1
 
 
 def follow_leader(event: Event, x: np.ndarray, vx: np.ndarray, n: int, leader: Vehicle | None) -> np.ndarray:
@@ -202,22 +293,33 @@ def follow_leader(event: Event, x: np.ndarray, vx: np.ndarray, n: int, leader: V
     return a
 
 
-def follow(event: Event, first: tuple[np.ndarray, np.ndarray, float] | None) -> list[dict[str, np.ndarray]]:
-    """The followers by LCM over 0..H, each behind the one before it, the first behind x, v, length of ``first``.
+def follow(event: Event, first: tuple[np.ndarray, np.ndarray, float], joins: int) -> list[dict[str, np.ndarray]]:
+    """The followers over 0..H, each behind the one before it, the first behind x, v, length of ``first`` from
+    sample ``joins`` on and behind who leads the target lane before.
 
     All use the states of the same instant.
     """
     cars = event.followers
+    leader = (np.full(LAST + 1, np.inf), np.zeros(LAST + 1), 0.0)
+    if event.leader is not None:
+        leader = event.leader.x, event.leader.v, event.leader.length
     x = [np.full(LAST + 1, car.x[0]) for car in cars]
     v = [np.full(LAST + 1, car.v[0]) for car in cars]
     a = [np.zeros(LAST + 1) for _ in cars]
+    drivers = [Driver() for _ in cars]
     for k in range(LAST + 1):
         for i, car in enumerate(cars):
-            before = first if i == 0 else (x[i - 1], v[i - 1], cars[i - 1].length)
-            ahead = None
-            if before is not None:
-                ahead = before[0][k] - x[i][k] + (before[2] - car.length) / 2, before[1][k]
-            a[i][k] = lcm_acceleration(event.lcm[i], v[i][k], ahead)
+
+            def ahead(other: tuple, k: int = k, i: int = i, car: Vehicle = car) -> tuple[float, float, float]:
+                return other[0][k] - x[i][k] + (other[2] - car.length) / 2, other[1][k], other[2]
+
+            before, p = (x[i - 1], v[i - 1], cars[i - 1].length), event.lcm[i]
+            if i == 0:
+                before = first if k >= joins else leader
+                p = p if k >= joins else p | {"L": event.L_unmoved}
+            if i == 0 and k == joins:
+                drivers[0].changes(p, k, v[0][k], ahead(first)[:2], ahead(leader)[:2])
+            a[i][k] = drivers[i].decides(p, k, v[i][k], ahead(before))
         if k < LAST:
             for i in range(len(cars)):
                 v[i][k + 1] = max(v[i][k] + a[i][k] * DT, 0.0)
@@ -225,11 +327,15 @@ def follow(event: Event, first: tuple[np.ndarray, np.ndarray, float] | None) -> 
     return [{"x": x[i], "v": v[i], "a": a[i]} for i in range(len(cars))]
 
 
+def behind(event: Event, av: Drive) -> list[dict[str, np.ndarray]]:
+    """The followers, the first one behind the AV once it joins."""
+    return follow(event, (av.x, av.vx, event.ego.length), av.joins)
+
+
 def unchanged(event: Event) -> list[dict[str, np.ndarray]]:
     """The followers without a lane change: the first stays behind the target leader."""
-    leader = event.leader
-    own = [event.lcm[0] | {"L": event.L_unmoved}, *event.lcm[1:]]
-    return follow(replace(event, lcm=own), None if leader is None else (leader.x, leader.v, leader.length))
+    nobody = np.full(LAST + 1, np.inf)
+    return follow(event, (nobody, np.zeros(LAST + 1), 0.0), LAST + 1)
 
 
 # --- losses ------------------------------------------------------------------------------------------------------
@@ -265,7 +371,7 @@ def plan_losses(event: Event, plan: pd.Series) -> dict[str, float]:
     if plan["policy"] == "no_lane_change":
         return hv_loss(event, unchanged(event), plan["T"], plan["accounting"])
     av = drive(event, plan)
-    motion = follow(event, (av.x, av.vx, event.ego.length))
+    motion = behind(event, av)
     return av_loss(av, plan["accounting"]) | hv_loss(event, motion, plan["T"], plan["accounting"])
 
 
@@ -275,7 +381,7 @@ def drives_through(event: Event, plan: pd.Series, crossing: int) -> bool:
     crossing: the sample from which the AV is on that lane.
     """
     av = drive(event, plan)
-    motion = follow(event, (av.x, av.vx, event.ego.length))
+    motion = behind(event, av)
     cars = [(car, m["x"]) for car, m in zip(event.followers, motion, strict=True)]
     leader = event.others.get("target_leader")
     own, ahead = (event.ego, av.x), (None if leader is None else (leader, leader.x))
@@ -314,7 +420,7 @@ def smallest_clearance(event: Event, plan: pd.Series) -> float:
     end = n if plan["accounting"] == "paper" else LAST
     heading, r = np.arctan2(av.vy, av.vx), 0.3 * event.ego.length
     x, y = av.x - r + r * np.cos(heading), av.y + r * np.sin(heading)
-    motion = follow(event, (av.x, av.vx, event.ego.length))
+    motion = behind(event, av)
     found = [
         (event.others[role], event.others[role].x, event.others[role].y, end)
         for role in event.others
@@ -325,9 +431,9 @@ def smallest_clearance(event: Event, plan: pd.Series) -> float:
     ]
     if "origin_follower" in event.others:
         car = event.others["origin_follower"]
-        alone = replace(event, followers=[car], lcm=[TABLE3_MEAN])
-        behind = follow(alone, (av.x, av.vx, event.ego.length))[0]["x"]
-        found.append((car, behind, np.full(LAST + 1, car.y[0]), n // 2))
+        alone = replace(event, followers=[car], lcm=[BARE | TABLE3_MEAN])
+        later = follow(alone, (av.x, av.vx, event.ego.length), 0)[0]["x"]
+        found.append((car, later, np.full(LAST + 1, car.y[0]), n // 2))
     axes = event.ego.length / 2**0.5, event.ego.width / 2**0.5
     return min(
         nearest(np.column_stack([other_x - x, other_y - y])[: last + 1], axes, heading[: last + 1], car)

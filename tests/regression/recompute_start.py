@@ -5,11 +5,12 @@ its start, the followers behind the target leader until the one behind the gap g
 target leader by LCM once the AV is ahead of it. Conventions of the default settings.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 import pandas as pd
 from recompute import (
+    BARE,
     CHARGED_TO_H,
     DT,
     GRID,
@@ -19,9 +20,10 @@ from recompute import (
     N_EFFICIENCY,
     TABLE3_MEAN,
     V_REF,
+    Driver,
     Event,
     Vehicle,
-    lcm_acceleration,
+    joining,
     nearest,
     quintic,
     weights,
@@ -39,12 +41,19 @@ class Car:
     v: np.ndarray
     a: np.ndarray
     lcm: dict[str, float] | None
+    driver: Driver = field(default_factory=Driver)
+
+    def ahead(self, k: int, leader: "Car | None") -> tuple[float, float, float]:
+        if leader is None:
+            return np.inf, 0.0, 0.0
+        spacing = leader.x[k] - self.x[k] + (leader.box.length - self.box.length) / 2
+        return spacing, leader.v[k], leader.box.length
 
     def think(self, k: int, leader: "Car | None") -> None:
-        ahead = None
-        if leader is not None:
-            ahead = leader.x[k] - self.x[k] + (leader.box.length - self.box.length) / 2, leader.v[k]
-        self.a[k] = lcm_acceleration(self.lcm, self.v[k], ahead)
+        self.a[k] = self.driver.decides(self.lcm, k, self.v[k], self.ahead(k, leader))
+
+    def change(self, k: int, new: "Car", old: "Car | None") -> None:
+        self.driver.changes(self.lcm, k, self.v[k], self.ahead(k, new)[:2], self.ahead(k, old)[:2])
 
     def move(self, k: int) -> None:
         self.v[k + 1] = max(self.v[k] + self.a[k] * DT, 0.0)
@@ -53,7 +62,10 @@ class Car:
 
 @dataclass
 class Played:
-    """Everybody under a plan. d, end: samples of the manoeuvre's start and end; joined: follower behind the AV."""
+    """Everybody under a plan. d, end: samples of the manoeuvre's start and end; joined: follower behind the AV.
+
+    inserted: whether that one gets it as leader at once, so that the step of its command is not counted.
+    """
 
     av: Car
     y: np.ndarray
@@ -64,6 +76,7 @@ class Played:
     d: int
     end: int
     joined: int
+    inserted: bool
 
 
 def starting(box: Vehicle, lcm: dict[str, float] | None) -> Car:
@@ -77,12 +90,14 @@ def play(event: Event, plan: pd.Series) -> Played:
     passed = int(plan["gap"].rsplit("_", 1)[1]) if plan["gap"].startswith("behind") else 0
     joined = -1 if plan["gap"] == AHEAD else passed
     m = quintic(GRID[: n + 1], plan, plan["v_start"], event.D)
-    av = starting(event.ego, TABLE3_MEAN)
+    av = starting(event.ego, BARE | TABLE3_MEAN)
+    moment = event.lcm[max(joined, 0)]["moment"]
+    joins = d + joining(moment, m["y"] / event.D, n // 2)
     leader = event.leader
     target = None if leader is None else starting(leader, None)
     chain = [starting(car, dict(lcm)) for car, lcm in zip(event.followers, event.lcm, strict=True)]
     behind_av = dict(event.lcm[max(joined, 0)])
-    if passed:
+    if passed and behind_av["family"] == "lcm":
         moved = behind_av["L"] - event.followers[passed - 1].length + event.ego.length
         behind_av["L"] = min(max(moved, L_BOUNDS[0]), L_BOUNDS[1])
     chain[0].lcm["L"] = event.L_unmoved
@@ -90,17 +105,18 @@ def play(event: Event, plan: pd.Series) -> Played:
     for k in range(LAST + 1):
         if k == d:
             av.x[d : d + n + 1], av.v[d : d + n + 1] = av.x[d] + m["x"], m["vx"]
-            if joined >= 0:
-                chain[joined].lcm = behind_av
-            elif target is not None:
-                target.lcm = TABLE3_MEAN
+            if joined < 0 and target is not None:
+                target.lcm = BARE | TABLE3_MEAN
+        if k == joins and joined >= 0:
+            chain[joined].lcm = behind_av
+            chain[joined].change(k, av, before_av)
         for i, car in enumerate(chain):
             own = chain[i - 1] if i else target
-            car.think(k, av if i == joined and k >= d else own)
+            car.think(k, av if i == joined and k >= joins else own)
         if k >= d + n:
             av.think(k, before_av)
         if target is not None and target.lcm is not None:
-            target.think(k, av)
+            target.think(k, av if k >= joins else None)
         if k < LAST:
             for car in (*chain, *([target] if target is not None and target.lcm is not None else [])):
                 car.move(k)
@@ -111,7 +127,7 @@ def play(event: Event, plan: pd.Series) -> Played:
     y, vy = np.zeros(LAST + 1), np.zeros(LAST + 1)
     y[d : d + n + 1], vy[d : d + n + 1] = m["y"], m["vy"]
     y[d + n :] = m["y"][-1]
-    return Played(av, y, vy, np.abs(m["jx"]) + np.abs(m["jy"]), chain, target, d, d + n, joined)
+    return Played(av, y, vy, np.abs(m["jx"]) + np.abs(m["jy"]), chain, target, d, d + n, joined, moment == 0.0)
 
 
 def start_losses(event: Event, plan: pd.Series) -> dict[str, float]:
@@ -125,7 +141,7 @@ def start_losses(event: Event, plan: pd.Series) -> dict[str, float]:
     jerk = []
     for i, car in enumerate(p.chain):
         each = np.abs(np.diff(car.a[: hv_end + 1])) / DT
-        if i == p.joined and 0 < p.d <= hv_end:
+        if i == p.joined and p.inserted and 0 < p.d <= hv_end:
             each[p.d - 1] = 0.0  # the step at the insertion is not counted
         jerk.append(each.sum() / N_COMFORT)
     hv_comfort = weights(event) @ jerk
@@ -150,7 +166,7 @@ def start_clearance(event: Event, plan: pd.Series) -> float:
         found.append((p.target.box, p.target.x, np.full(LAST + 1, p.target.box.y[0]), last))
     found += [(car, car.x, car.y, last) for car in recorded.values()]
     if "origin_follower" in event.others:
-        behind = starting(event.others["origin_follower"], TABLE3_MEAN)
+        behind = starting(event.others["origin_follower"], BARE | TABLE3_MEAN)
         for k in range(LAST):
             behind.think(k, p.av)
             behind.move(k)

@@ -3,8 +3,17 @@
 import numpy as np
 import pandas as pd
 import pytest
+from random_scenes import reacting
 from recompute import drives_through, plan_losses, read_event, smallest_clearance
 from recompute_start import start_clearance, start_losses
+
+from highd_lc.core.quintic import Quintic
+from highd_lc.planning.planner import pose, stay
+from highd_lc.planning.replay import human_motion, plan_motion, replay
+from highd_lc.planning.start_planner import key_of, replay_start
+from highd_lc.planning.starts import pose_starts
+from highd_lc.scoring import charges
+from highd_lc.stages.scenes import load_scene
 
 TABLES = ("events", "event_tracks", "vehicles", "followers", "plans", "losses")
 KEYS = ["event_id", "policy", "accounting"]
@@ -27,7 +36,9 @@ def starts(tables):
 
 
 def merged(tables, *, chooses_start):
-    both = tables["plans"].merge(tables["losses"], on=KEYS, suffixes=("", "_loss"))
+    """The plans of the fitted drivers with their losses."""
+    both = tables["plans"].merge(tables["losses"], on=["followers", *KEYS], suffixes=("", "_loss"))
+    both = both[both["followers"] == "own_fit"]
     return both[both["T"].notna() & (both["policy"].str.endswith("_start") == chooses_start)]
 
 
@@ -81,3 +92,53 @@ def test_smallest_clearance_of_chosen_starts_follows_from_the_artefacts(tables, 
         event = read_event(tables, event_id)
         for _, plan in rows.iterrows():
             assert start_clearance(event, plan) == pytest.approx(plan["min_clearance_m"], abs=1e-3)
+
+
+def follower_models(event_id, followers):
+    """Rows of ``follower_models`` of one event, from what a scene's followers drive by."""
+    columns = dict(zip(("v_desire", "A", "b", "B", "tau", "L"), followers.parameters.T, strict=True))
+    parts = {name: getattr(followers, name) for name in ("need", "a_0", "drift", "moment")}
+    rows = pd.DataFrame(columns | parts).assign(memory_s=followers.memory, relaxation_s=followers.relaxation)
+    rows = rows.assign(event_id=event_id, model="population", family=followers.family)
+    return rows.assign(L_before=followers.L_no_change, follower=np.arange(len(rows)) + 1)
+
+
+@pytest.mark.parametrize(("family", "moment"), [("lcm", 0.0), ("lcm", 0.5), ("idm", 0.3), ("none", 0.7)])
+def test_losses_of_followers_that_react_follow_from_their_models(
+    pipeline_run, tables, plans, starts, family, moment
+):
+    settings = pipeline_run.settings.validation
+    rng = np.random.default_rng(4)
+    compared = set()
+    for event_id in plans["event_id"].unique():
+        scene = reacting(load_scene(pipeline_run.work, event_id, settings), rng, family=family, moment=moment)
+        problem = pose(scene, settings)
+        models = {"follower_models": follower_models(event_id, scene.followers)}
+        event = read_event(tables | models, event_id)
+        for played, plan, losses in replayed(problem, event_id, plans, starts):
+            cumulative = charges.cumulative_losses(played, problem.terms, settings.loss, problem.packed.dt)
+            accounting = (plan["accounting"], problem.terms)
+            found = charges.losses_at(cumulative, *accounting, n=played.av.n, dt=problem.packed.dt)
+            assert found["loss_hv"] == pytest.approx(losses(event, plan)["loss_hv"], rel=1e-6), plan["policy"]
+            compared.add(plan["policy"])
+    assert compared >= {"human", "no_lane_change", "local_optimum", "local_optimum_start"}
+
+
+def replayed(problem, event_id, plans, starts):
+    """Every plan of an event that was charged to H, with everybody's motion, and who recomputes its losses."""
+    of_event = (rows[(rows["event_id"] == event_id) & (rows["accounting"] == "equal")] for rows in (plans, starts))
+    at_once, chosen = of_event
+    for _, plan in at_once.iterrows():
+        shape = Quintic(problem.scene.v0, problem.scene.lateral_shift, *plan[["T", "x_final", "v_end"]])
+        if plan["policy"] == "no_lane_change":
+            played = stay(problem)
+        elif plan["policy"] == "human":
+            played = replay(human_motion(problem.scene.human, problem.packed), problem.packed)
+        else:
+            played = replay(plan_motion(shape, problem.packed), problem.packed)
+        yield played, plan, plan_losses
+    posed = pose_starts(problem)
+    for _, plan in chosen.iterrows():
+        key = key_of(posed, plan["gap"], plan["delay_s"])
+        shape = Quintic(plan["v_start"], problem.scene.lateral_shift, *plan[["T", "x_final", "v_end"]])
+        yield replay_start(posed, key, shape), plan, start_losses

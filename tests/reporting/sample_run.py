@@ -110,7 +110,8 @@ def matrix() -> pd.DataFrame:
     for k, (form, accounting, stratum) in enumerate(cells):
         gain = 0.0111 * (k + 1)
         rows.append({
-            "form": form, "accounting": accounting, "stratum": stratum, "n_events": 60 + k, "n_recordings": 6,
+            "followers": "own_fit", "form": form, "accounting": accounting, "stratum": stratum,
+            "n_events": 60 + k, "n_recordings": 6,
             "total_benchmark": 1000.0 + k, "total_local": (1000.0 + k) * (1 - gain), "gain": gain,
             "gain_low": gain - 0.004, "gain_high": gain + 0.005, "gain_hv": 2 * gain, "gain_av": -gain,
             "median_difference": -gain / 2, "hodges_lehmann": -gain / 3, "share_differ": 0.8, "share_better": 0.7,

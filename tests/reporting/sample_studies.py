@@ -8,7 +8,7 @@ import pandas as pd
 
 from highd_lc.reporting.pages_studies import StudyTables
 from highd_lc.vocab import names
-from highd_lc.vocab.tables.studies import FOLLOWER_MODELS, FRONT, SWEEP
+from highd_lc.vocab.tables.studies import FRONT, SECOND_OPINIONS, SWEEP
 
 
 def gains(k: int) -> dict[str, float]:
@@ -41,8 +41,11 @@ def studies(**changes: object) -> StudyTables:
     levels = ("failed", "worse_1", "worse_01", "better_01")
     frames = {
         "cross_scores": [
-            {"form": f, "optimised": a, "scored": b, "followers": m, "touching": 1, **gains(i)}
-            for i, ((f, a), b, m) in enumerate(product(cells, names.ACCOUNTINGS, FOLLOWER_MODELS))
+            {"form": f, "planned_with": "own_fit", "scored_with": m, "optimised": a, "scored": b, "touching": 1,
+             **gains(i)}
+            for i, ((f, a), b, m) in enumerate(
+                product(cells, names.ACCOUNTINGS, ("own_fit", "table3", *SECOND_OPINIONS))
+            )
         ],
         "horizon_sensitivity": [
             {"horizon_s": h, "form": f, "accounting": a, **gains(i)}

@@ -124,3 +124,12 @@ def test_style_defines_a_colour_for_every_policy():
     sheet = html.style("base")
     for policy in labels.POLICIES:
         assert re.search(rf"--policy-{policy}: light-dark\(", sheet)
+
+
+def test_of_links_to_pages_that_are_not_made_the_words_stay():
+    page = (
+        '<nav>\n<a href="prediction.html">P</a>\n</nav><p><a href="../prediction.html">How</a> '
+        '<a href="data.html">D</a>'
+    )
+    assert html.without(page, ["prediction.html"]) == '<nav>\n</nav><p>How <a href="data.html">D</a>'
+    assert html.without(page, []) == page

@@ -3,6 +3,7 @@ import re
 from dataclasses import replace
 from functools import cache
 
+import pandas as pd
 import pytest
 from sample_run import calibration, matrix, recordings, sample_run, sample_summary
 from sample_studies import studies
@@ -14,6 +15,7 @@ from highd_lc.reporting.pages_index import IndexTables, index_page
 from highd_lc.reporting.pages_population import dictionary_page, matrix_page
 from highd_lc.reporting.pages_studies import StudyTables, studies_page
 from highd_lc.reporting.pages_summary import summary_page
+from highd_lc.reporting.terminal import matrix_table
 from highd_lc.stages import population_tables, statistics
 from highd_lc.vocab import names
 from highd_lc.vocab.driver import TABLE3_MEANS
@@ -140,10 +142,34 @@ def test_beliefs_and_pooling_are_told_in_words():
     assert rows[2][1:] == ["0.1250", "0.0875", "75", "4"]
 
 
+def two_models():
+    """The matrix of a default model and of one that planned a sample."""
+    other = matrix().assign(followers="table3", n_events=9)
+    other[["gain", "gain_low", "gain_high"]] -= 0.5
+    return pd.concat([matrix(), other], ignore_index=True)
+
+
+def test_the_matrix_shows_both_follower_models_the_default_first_and_strata_of_that_one():
+    page = matrix_page(two_models())
+    titles, *rows = rows_of(page)[:13]
+    assert titles[0] == "Followers"
+    assert [row[0] for row in rows] == ["own fit"] * 6 + ["Table 3 means"] * 6
+    one = matrix_page(matrix())
+    assert "Followers" not in rows_of(one)[0][0]
+    assert page.count("by stratum</h2>") == one.count("by stratum</h2>") > 0
+
+
+def test_the_terminal_names_the_follower_models_only_if_there_are_several():
+    one, both = matrix_table(matrix()), matrix_table(two_models())
+    assert [column.header for column in one.columns][:2] == ["form", "accounting"]
+    assert [column.header for column in both.columns][:3] == ["followers", "form", "accounting"]
+    assert list(both.columns[0].cells) == ["own_fit"] * 6 + ["table3"] * 6
+
+
 def test_cross_scores_hold_every_number():
     table = studies().cross_scores
     for form in names.FORMS:
-        rows = rows_of(robustness(), after=f'id="cross-{form}"')[1:28]
+        rows = rows_of(robustness(), after=f'id="cross-{form}"')[1:37]
         gains = table.loc[table["form"] == form, "gain"]
         assert [row[6] for row in rows] == [f"{100 * g:.2f}".replace("-", "−") for g in gains]
 

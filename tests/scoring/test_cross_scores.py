@@ -1,14 +1,14 @@
 import numpy as np
 import pytest
-from random_scenes import random_scene
+from random_scenes import random_scene, reacting
 
 from highd_lc.core.idm import MOTORWAY, idm_acceleration
 from highd_lc.planning import planner
-from highd_lc.planning.replay import Entry
+from highd_lc.planning.replay import Entry, joins
 from highd_lc.planning.start_planner import replay_start
 from highd_lc.planning.starts import pose_starts
 from highd_lc.scoring import charges
-from highd_lc.scoring.cross_scores import av_charged, idm_followers, lcm_followers
+from highd_lc.scoring.cross_scores import av_charged, drawn_followers, idm_followers
 from highd_lc.scoring.uncertainty import with_parameters
 from highd_lc.vocab import names
 from highd_lc.vocab.settings import LossSettings, PlannerSettings, ValidateSettings
@@ -30,7 +30,7 @@ def posed(seed: int, settings: ValidateSettings) -> tuple[planner.PlanningProble
 def test_with_the_planned_parameters_the_losses_are_those_of_the_replay(seed, settings):
     problem, plan = posed(seed, settings)
     av, packed, terms = plan.replay.av, problem.packed, problem.terms
-    same = lcm_followers(av, packed, terms, np.repeat(packed.parameters[None], 3, axis=0))
+    same = drawn_followers(av, packed, terms, np.repeat(packed.parameters[None], 3, axis=0))
     losses = charges.cumulative_losses(plan.replay, terms, settings.loss, packed.dt)
     for accounting, hv, own in (("paper", same.to_T, 0), ("equal", same.to_H, 1)):
         expected = charges.losses_at(losses, accounting, terms, n=av.n, dt=packed.dt)
@@ -43,11 +43,11 @@ def test_drawn_parameters_give_the_losses_of_an_event_posed_with_them(seed, sett
     problem, plan = posed(seed, settings)
     rng = np.random.default_rng(9)
     drawn = problem.packed.parameters * rng.uniform(0.9, 1.1, (5, *problem.packed.parameters.shape))
-    together = lcm_followers(plan.replay.av, problem.packed, problem.terms, drawn)
+    together = drawn_followers(plan.replay.av, problem.packed, problem.terms, drawn)
     for k, one in enumerate(drawn):
         first_L = problem.packed.first_L + one[0, 5] - problem.packed.parameters[0, 5]
         packed = problem.packed._replace(parameters=one, first_L=first_L)
-        alone = lcm_followers(plan.replay.av, packed, problem.terms, one[None])
+        alone = drawn_followers(plan.replay.av, packed, problem.terms, one[None])
         assert together.to_T[k] == pytest.approx(alone.to_T[0], rel=1e-9)
         assert together.to_H[k] == pytest.approx(alone.to_H[0], rel=1e-9)
 
@@ -57,7 +57,8 @@ def plain_idm(problem: planner.PlanningProblem, plan: planner.Plan) -> tuple[flo
     packed, av = problem.packed, plan.replay.av
     p, samples = len(packed.follower_x), len(av.x)
     entry = plan.replay.entry or Entry(1, None, packed.target_front, packed.target_v)
-    joins, since = entry.place - 1, max(av.crossing if packed.from_crossing else 0, entry.hand_over or 0)
+    who = entry.place - 1
+    since = max(joins(av, packed, max(who, 0)), entry.hand_over or 0)
     v, a = np.empty((p, samples)), np.empty((p, samples))
     fronts, speeds = packed.follower_x + packed.follower_length / 2, packed.follower_v.copy()
     for k in range(samples):
@@ -66,14 +67,14 @@ def plain_idm(problem: planner.PlanningProblem, plan: planner.Plan) -> tuple[flo
         v[:, k] = speeds
         for i in range(p):
             ahead = (av.x[k] + packed.length / 2, av.vx[k], packed.length)
-            front, speed, length = ahead if i == joins and k >= since else chain[i]
+            front, speed, length = ahead if i == who and k >= since else chain[i]
             a[i, k] = idm_acceleration.py_func(speeds[i], front - length - chain[i + 1][0], speed, MOTORWAY)
         speeds = np.maximum(0.0, speeds + a[:, k] * packed.dt)
         fronts = fronts + speeds * packed.dt
     settings, terms = problem.settings.loss, problem.terms
     steps = np.abs(np.diff(a, prepend=a[:, :1])) / packed.dt
     if entry.hand_over is not None:
-        steps[joins, entry.hand_over] = 0.0
+        steps[who, entry.hand_over] = 0.0
     comfort = np.cumsum(steps, axis=1) / settings.comfort_scale
     both = comfort + charges.follower_efficiency(v, terms, settings)
     loss = 0.5 * terms.weights @ both
@@ -87,10 +88,12 @@ def test_idm_followers_equal_the_plain_twin(seed, settings):
     assert (found.to_T[0], found.to_H[0]) == pytest.approx(plain_idm(problem, plan), rel=1e-9)
 
 
-def plans_into_every_gap(seed: int) -> tuple[planner.PlanningProblem, list[planner.Plan]]:
+def plans_into_every_gap(seed: int, **reactions) -> tuple[planner.PlanningProblem, list[planner.Plan]]:
     """A plan for some starts of every gap that has one: reached by the search or not, its losses must be right."""
     settings = ValidateSettings(planner=PlannerSettings(waiting="lcm", latest_end_s=15.0, free_form=False))
-    problem = planner.pose(random_scene(np.random.default_rng(seed)), settings)
+    rng = np.random.default_rng(seed)
+    scene = random_scene(rng)
+    problem = planner.pose(reacting(scene, rng, **reactions) if reactions else scene, settings)
     posed = pose_starts(problem)
     keys = [
         (gap, int(d))
@@ -111,7 +114,7 @@ def test_followers_of_a_chosen_start_are_those_of_its_replay_and_of_the_idm_twin
     packed, terms, settings = problem.packed, problem.terms, problem.settings.loss
     for plan in plans:
         av, entry = plan.replay.av, plan.replay.entry
-        same = lcm_followers(av, packed, terms, packed.parameters[None], entry)
+        same = drawn_followers(av, packed, terms, packed.parameters[None], entry)
         losses = charges.cumulative_losses(plan.replay, terms, settings, packed.dt)
         for accounting, hv in (("paper", same.to_T), ("equal", same.to_H)):
             expected = charges.losses_at(losses, accounting, terms, n=av.n, dt=packed.dt)
@@ -126,7 +129,27 @@ def test_drawn_followers_of_a_chosen_start_are_those_of_an_event_posed_with_them
     drawn = problem.packed.parameters * rng.uniform(0.9, 1.1, (3, *problem.packed.parameters.shape))
     for plan in plans:
         av, entry = plan.replay.av, plan.replay.entry
-        together = lcm_followers(av, problem.packed, problem.terms, drawn, entry)
+        together = drawn_followers(av, problem.packed, problem.terms, drawn, entry)
         for k, one in enumerate(drawn):
-            alone = lcm_followers(av, with_parameters(problem, one).packed, problem.terms, one[None], entry)
+            alone = drawn_followers(av, with_parameters(problem, one).packed, problem.terms, one[None], entry)
             assert together.to_H[k] == pytest.approx(alone.to_H[0], rel=1e-9)
+
+
+@pytest.mark.parametrize("moment", [0.0, 0.3, 0.5, 0.7])
+@pytest.mark.parametrize("family", names.FAMILIES)
+def test_followers_that_react_are_scored_as_they_are_replayed(family, moment):
+    problem, plans = plans_into_every_gap(14, family=family, moment=moment)
+    rng = np.random.default_rng(1)
+    problem_at_once = planner.pose(
+        reacting(random_scene(rng), rng, family=family, moment=moment), problem.settings
+    )
+    at_once = planner.reference_plans(problem_at_once, names.CONSTANT)[0]
+    assert {plan.replay.entry.place for plan in plans} >= {1, 2}
+    for posed_one, plan in [(problem, plan) for plan in plans] + [(problem_at_once, at_once)]:
+        packed, terms, settings = posed_one.packed, posed_one.terms, posed_one.settings.loss
+        av, entry = plan.replay.av, plan.replay.entry
+        same = drawn_followers(av, packed, terms, np.repeat(packed.parameters[None], 2, axis=0), entry)
+        losses = charges.cumulative_losses(plan.replay, terms, settings, packed.dt)
+        for accounting, hv in (("paper", same.to_T), ("equal", same.to_H)):
+            expected = charges.losses_at(losses, accounting, terms, n=av.n, dt=packed.dt)
+            assert hv == pytest.approx([expected["loss_hv"]] * 2, rel=1e-9)

@@ -63,7 +63,7 @@ def test_fixtures_pass_every_cross_check(tmp_path, recording):
         (30.0, {"acceleration_bias_mps2": 0.3, "detection_noise_m": 0.05}),
         (30.0, {"upper_lanes": 2, "lower_lanes": 2, "truck_share": 0.3, "return_share": 0.9}),
         (30.0, {"upper_lanes": 4, "lower_lanes": 3, "frame_rate": 10.0, "flow_veh_per_h": 2200.0}),
-        (30.0, {"frame_rate": 1.0}),
+        (30.0, {"frame_rate": 5.0}),
         (5.0, {"detection_noise_m": 0.05, "acceleration_bias_mps2": 0.3, "flow_veh_per_h": 200.0}),
     ],
     ids=["noise", "bias", "returns", "dense", "slow", "short"],

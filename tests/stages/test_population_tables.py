@@ -14,8 +14,9 @@ from highd_lc.stages.population_tables import (
 )
 from highd_lc.stages.statistics import PolicyLosses
 from highd_lc.vocab import names
-from highd_lc.vocab.settings import StatisticsSettings
+from highd_lc.vocab.studies import StatisticsSettings
 from highd_lc.vocab.tables import TABLES
+from highd_lc.vocab.tables.studies import DRAWN, IDM_MOTORWAY
 
 STATISTICS = StatisticsSettings(bootstrap=200)
 IDS = [f"{1 + k % 4:02d}-{k:04d}-00100" for k in range(20)]
@@ -107,28 +108,43 @@ def test_a_total_that_grows_is_listed_too():
     assert set(worse.loc[worse["who"] == "together", "event_id"]) == set(IDS) - {INFEASIBLE}
 
 
+MODELS = ("own_fit", "table3")
+
+
 def made_cross() -> pd.DataFrame:
+    """Plans of one model, scored with it, with another model, and with both second opinions."""
     rows = made_losses()[["event_id", "recording_id", "policy", "accounting"]].copy()
     local = rows["policy"] == names.LOCAL_OPTIMUM
-    for model, hv_T, hv_H in (("lcm", 4.0, 10.0), ("idm", 2.0, 20.0), ("lcm_drawn", 6.0, 5.0)):
-        rows[f"hv_to_T_{model}"], rows[f"hv_to_H_{model}"] = hv_T - local, hv_H - 3.0 * local
     rows["av_to_T"], rows["av_to_H"] = 6.0 + local, 10.0 + local
-    for column in TABLES["cross_losses"].column_names:
-        if column.startswith("contacts_to_"):
-            rows[column] = 0
+    rows["contacts_to_T"] = rows["contacts_to_H"] = 0
     rows["contact_after_T"] = (rows["accounting"] == names.PAPER) & local & (rows["event_id"] == IDS[0])
-    rows.loc[rows["event_id"] == INFEASIBLE, [c for c in rows if c[:2] in ("av", "hv")]] = np.nan
-    return rows
+    scores = (("own_fit", 4.0, 10.0), ("table3", 3.0, 8.0), (IDM_MOTORWAY, 2.0, 20.0), (DRAWN, 6.0, 5.0))
+    made = pd.concat(
+        [
+            rows.assign(planned_with="own_fit", scored_with=model, hv_to_T=T - local, hv_to_H=H - 3.0 * local)
+            for model, T, H in scores
+        ],
+        ignore_index=True,
+    )
+    made.loc[made["event_id"] == INFEASIBLE, ["av_to_T", "av_to_H", "hv_to_T", "hv_to_H"]] = np.nan
+    return made
 
 
 @pytest.mark.parametrize(
-    ("scored", "followers", "local", "benchmark"),
-    [("paper", "lcm", 10, 10), ("follower_horizon", "idm", 24, 26), ("equal", "lcm_drawn", 13, 15)],
+    ("scored", "scored_with", "local", "benchmark"),
+    [
+        ("paper", "own_fit", 10, 10),
+        ("follower_horizon", IDM_MOTORWAY, 24, 26),
+        ("equal", DRAWN, 13, 15),
+        ("equal", "table3", 16, 18),
+    ],
 )
-def test_cross_scores_add_what_the_accounting_charges(scored, followers, local, benchmark):
-    cells = cross_scores(made_cross(), STATISTICS, seed=1).set_index(["optimised", "scored", "followers"])
-    assert len(cells) == 27
-    row = cells.loc[(names.EQUAL, scored, followers)]
+def test_cross_scores_add_what_the_accounting_charges(scored, scored_with, local, benchmark):
+    cells = cross_scores(made_cross(), MODELS, STATISTICS, seed=1)
+    assert list(dict.fromkeys(cells["scored_with"])) == ["own_fit", "table3", IDM_MOTORWAY, DRAWN]
+    assert len(cells) == 36
+    assert set(cells["planned_with"]) == {"own_fit"}
+    row = cells.set_index(["optimised", "scored", "scored_with"]).loc[(names.EQUAL, scored, scored_with)]
     assert row["gain"] == pytest.approx(1 - local / benchmark)
     assert row["total_benchmark"] == pytest.approx(19 * benchmark)
     assert row["infeasible"] == 1
@@ -137,22 +153,27 @@ def test_cross_scores_add_what_the_accounting_charges(scored, followers, local, 
 def test_cross_scores_leave_contacts_out_and_say_how_many():
     made = made_cross()
     local = (made["accounting"] == names.EQUAL) & (made["policy"] == names.LOCAL_OPTIMUM)
-    gone, drawn = local & (made["event_id"] == IDS[2]), local & (made["event_id"] == IDS[5])
-    made.loc[gone, ["contacts_to_H_idm", "hv_to_H_idm"]] = [1, np.nan]
-    made.loc[drawn, "contacts_to_H_lcm_drawn"] = 3  # the mean is one over the other draws
-    cells = cross_scores(made, STATISTICS, seed=1).set_index(["optimised", "scored", "followers"])
-    idm = cells.loc[(names.EQUAL, names.EQUAL, "idm")]
-    assert (idm["contacts"], idm["infeasible"], idm["total_benchmark"]) == (1, 1, pytest.approx(18 * 30.0))
-    draws = cells.loc[(names.EQUAL, names.EQUAL, "lcm_drawn")]
-    assert (draws["contacts"], draws["infeasible"], draws["total_benchmark"]) == (1, 1, pytest.approx(19 * 15.0))
-    assert cells.loc[(names.EQUAL, names.PAPER, "idm"), "contacts"] == 0
+    for model, event, contacts, loss in (
+        (IDM_MOTORWAY, IDS[2], 1, np.nan),
+        ("table3", IDS[4], 1, np.nan),
+        (DRAWN, IDS[5], 3, 5.0),  # the mean is one over the other draws
+    ):
+        at = local & (made["event_id"] == event) & (made["scored_with"] == model)
+        made.loc[at, ["contacts_to_H", "hv_to_H"]] = [contacts, loss]
+    cells = cross_scores(made, MODELS, STATISTICS, seed=1).set_index(["optimised", "scored", "scored_with"])
+    for model, kept, each in ((IDM_MOTORWAY, 18, 30.0), ("table3", 18, 18.0), (DRAWN, 19, 15.0)):
+        found = cells.loc[(names.EQUAL, names.EQUAL, model)]
+        assert (found["contacts"], found["infeasible"], found["total_benchmark"]) == (1, 1, kept * each)
+    assert cells.loc[(names.EQUAL, names.PAPER, IDM_MOTORWAY), "contacts"] == 0
+    assert cells.loc[(names.EQUAL, names.EQUAL, "own_fit"), "contacts"] == 0
 
 
 def test_cross_scores_count_plans_that_touch_after_their_own_accounting():
-    cells = cross_scores(made_cross(), STATISTICS, seed=1).set_index(["optimised", "scored", "followers"])
-    assert cells.loc[(names.PAPER, names.PAPER, "lcm"), "touching"] == 0
-    assert cells.loc[(names.PAPER, names.EQUAL, "lcm"), "touching"] == 1
-    assert cells.loc[(names.EQUAL, names.EQUAL, "lcm"), "touching"] == 0
+    cells = cross_scores(made_cross(), MODELS, STATISTICS, seed=1)
+    cells = cells.set_index(["optimised", "scored", "scored_with"])
+    assert cells.loc[(names.PAPER, names.PAPER, "own_fit"), "touching"] == 0
+    assert cells.loc[(names.PAPER, names.EQUAL, "own_fit"), "touching"] == 1
+    assert cells.loc[(names.EQUAL, names.EQUAL, "own_fit"), "touching"] == 0
 
 
 def test_horizon_sensitivity_has_a_row_a_cell():

@@ -34,7 +34,7 @@ def command(pipeline_run, tmp_path, monkeypatch):
 
 def ranked(work: Path) -> list[str]:
     """Events by how far their gain is from zero, farthest first."""
-    losses = artefacts.read(work, "losses").query("accounting == 'equal'")
+    losses = artefacts.read(work, "losses").query("accounting == 'equal' and followers == 'population'")
     wide = losses.pivot_table(index="event_id", columns="policy", values="loss_total")
     gain = 1.0 - wide[names.LOCAL_OPTIMUM] / wide[names.BENCHMARK]
     return gain.abs().dropna().sort_values(ascending=False, kind="stable").index.tolist()

@@ -97,6 +97,16 @@ def payload(page: Path) -> dict:
     return json.loads(re.search(r'<script type="application/json" id="data">(.*?)</script>', text).group(1))
 
 
+DEFAULT = SETTINGS.validation.follower_models[0]
+
+
+def default(work: Path, name: str) -> pd.DataFrame:
+    """The rows of the follower model that pages show."""
+    frame = artefacts.read(work, name)
+    assert frame["followers"].nunique() == 2
+    return frame[frame["followers"] == DEFAULT]
+
+
 def test_every_event_has_its_page_and_picture_and_nothing_else_is_there(work, made):
     assert len(events(work)) >= 3
     expected = {f"{e}.{kind}" for e in events(work) for kind in ("html", "png")}
@@ -144,8 +154,8 @@ def test_the_page_on_followers_is_there_if_its_tables_are(work, tmp_path, presen
 def test_the_words_on_followers_are_those_of_the_tables(work, tmp_path):
     without = with_predictions(work, tmp_path / "without", present=False)
     empty = with_predictions(work, tmp_path / "empty", present=True)
-    assert "no prediction" in followers_believed(without)[0]
-    assert "none is in view" in followers_believed(empty)[0]
+    assert "no prediction" in followers_believed(without, DEFAULT)[0]
+    assert "none is in view" in followers_believed(empty, DEFAULT)[0]
 
 
 def test_every_link_leads_to_a_file(made):
@@ -163,7 +173,7 @@ def test_every_crossing_is_an_event_or_listed_as_excluded(work, made):
 
 def test_the_index_gains_are_those_of_the_losses(work, made):
     data = payload(made / "index.html")
-    losses = artefacts.read(work, "losses").set_index(["event_id", "policy", "accounting"])["loss_total"]
+    losses = default(work, "losses").set_index(["event_id", "policy", "accounting"])["loss_total"]
     for row, gain in zip(data["rows"], data["values"]["fixed/equal"]["gain"], strict=True):
         local, benchmark = (losses[row[0], policy, "equal"] for policy in (names.LOCAL_OPTIMUM, names.BENCHMARK))
         assert gain == pytest.approx(100 * (1 - local / benchmark), abs=6e-4)
@@ -185,7 +195,7 @@ def follower_loss(play: dict, weights: list[float], last: int) -> float:
 
 
 def test_what_a_page_draws_is_what_the_tables_were_made_from(work, made):
-    losses = artefacts.read(work, "losses")
+    losses = default(work, "losses")
     chosen = losses[(losses["accounting"] == "equal") & losses["policy"].isin(names.FIXED_POLICIES)].dropna(
         subset="loss_total"
     )
@@ -199,8 +209,8 @@ def test_what_a_page_draws_is_what_the_tables_were_made_from(work, made):
 
 def test_what_the_summary_says_is_what_the_tables_hold(work, made):
     page = re.sub(r"<[^>]+>", " ", (made / "summary.html").read_text(encoding="utf-8").replace("\u00a0", " "))
-    matrix = pd.read_parquet(work / "validation_matrix.parquet").query("stratum == 'all'")
-    losses = pd.read_parquet(work / "losses.parquet").query("accounting == 'equal'")
+    matrix = default(work, "validation_matrix").query("stratum == 'all'")
+    losses = default(work, "losses").query("accounting == 'equal'")
     pairs = {"fixed": ("local_optimum", "benchmark"), "free": ("local_optimum_free", "benchmark_free")}
     wide = losses.pivot_table(index="event_id", columns="policy", values="loss_total")
     for form, (local, benchmark) in pairs.items():
@@ -261,12 +271,12 @@ def test_png_modes(work, tmp_path, png, top, expected):
 
 
 def test_top_events_are_those_that_differ_most(work):
-    losses = artefacts.read(work, "losses")
+    losses = default(work, "losses")
     wide = losses[losses["accounting"] == "equal"].pivot_table(
         index="event_id", columns="policy", values="loss_total"
     )
     difference = (1 - wide[names.LOCAL_OPTIMUM] / wide[names.BENCHMARK]).abs()
-    assert report.top_events(work, 1) == {difference.idxmax()}
+    assert report.top_events(work, 1, DEFAULT) == {difference.idxmax()}
 
 
 def test_pictures_no_longer_wanted_go(work, tmp_path):

@@ -6,19 +6,20 @@ import pytest
 from made_tables import PLACE, RATE, SHIFT, rows, speed, tables, torn, way
 
 from highd_lc.planning.scene import obstacle_roles, pack
-from highd_lc.stages.scenes import _grouped, load_scenes
+from highd_lc.stages.scene_drivers import grouped
+from highd_lc.stages.scenes import scene_makers
 from highd_lc.vocab.errors import ArtefactError
 from highd_lc.vocab.settings import ValidateSettings
 
 
 def test_no_rows_are_no_groups():
     nothing = pd.DataFrame({"event_id": [], "t": []})
-    assert _grouped("events", nothing, by=["event_id"], order="t", columns=["t"]) == {}
+    assert grouped("events", nothing, by=["event_id"], order="t", columns=["t"]) == {}
 
 
 def test_groups_are_ordered_slices():
     rows = pd.DataFrame({"event_id": ["a", "a", "b"], "t": [1.0, 2.0, 0.0]})
-    groups = _grouped("event_tracks", rows, by=["event_id"], order="t", columns=["t"])
+    groups = grouped("event_tracks", rows, by=["event_id"], order="t", columns=["t"])
     assert {key: of["t"].tolist() for key, of in groups.items()} == {("a",): [1.0, 2.0], ("b",): [0.0]}
 
 
@@ -26,7 +27,7 @@ def test_groups_are_ordered_slices():
 def test_rows_in_another_order_are_refused(ids, times):
     rows = pd.DataFrame({"event_id": list(ids), "t": times})
     with pytest.raises(ArtefactError, match="event_tracks: rows are not ordered by event_id, t"):
-        _grouped("event_tracks", rows, by=["event_id"], order="t", columns=["t"])
+        grouped("event_tracks", rows, by=["event_id"], order="t", columns=["t"])
 
 
 ROLES = ("ego", "origin_leader", "target_leader", "target_follower_1")
@@ -34,8 +35,8 @@ GRID = np.arange(151) * 0.1
 
 
 def scene(tracks, settings=None, **about):
-    (made,) = load_scenes(tables(tracks, **about), settings or ValidateSettings())
-    return made
+    ((_, make),) = scene_makers(tables(tracks, **about), settings or ValidateSettings())
+    return make()
 
 
 def motion_of(made, role):

@@ -10,7 +10,7 @@ from running import FIXTURES, validated
 
 from highd_lc.io import artefacts
 from highd_lc.stages import validate
-from highd_lc.tracking.plan_tracking import PlanTracker
+from highd_lc.stages.validate_samples import Planned
 from highd_lc.vocab import names
 from highd_lc.vocab.job import Job, Provenance
 from highd_lc.vocab.settings import Settings
@@ -25,6 +25,7 @@ SETTINGS = Settings.model_validate(
         "calibrate": {"optimiser": "screen"},
         "validate": {
             "constraints": _CONSTRAINTS,
+            "followers": {"model": "own_fit"},
             "planner": {"T_max": 4.0},
             "studies": _NO_STUDIES,
             "statistics": {"bootstrap": 200},
@@ -85,10 +86,10 @@ def test_an_event_that_fails_is_listed_and_leaves_no_row(work, monkeypatch):
     events = artefacts.read(work, "events", recording=1)["event_id"].tolist()
     whole = validate.tracking_rows
 
-    def fails_once(tracker: PlanTracker, *rest: object, **options: object) -> Iterator[dict[str, object]]:
-        if tracker.problem.scene.event_id == events[0]:
+    def fails_once(planned: Planned) -> Iterator[dict[str, object]]:
+        if planned.tracker.problem.scene.event_id == events[0]:
             raise KeyError("something unforeseen")
-        return whole(tracker, *rest, **options)
+        return whole(planned)
 
     monkeypatch.setattr(validate, "tracking_rows", fails_once)
     report = validate.run(Job(1, FIXTURES, work, SETTINGS, Provenance("settings", {}, 1, "code")))
@@ -96,3 +97,4 @@ def test_an_event_that_fails_is_listed_and_leaves_no_row(work, monkeypatch):
     for name in ("plans", "losses", "tracking"):
         left = artefacts.read_part(work, "validate", name, 1)["event_id"]
         assert set(left) == set(events[1:])
+    assert set(artefacts.read_partition(work, "trajectories", 1)["event_id"]) == set(events[1:])

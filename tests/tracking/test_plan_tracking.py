@@ -34,7 +34,7 @@ def perfectly(plan, problem=PROBLEM):
 
 @pytest.mark.parametrize("plan", CHANGING, ids=lambda plan: plan.policy)
 def test_around_a_car_that_never_leaves_the_plan_everything_is_as_planned(plan):
-    played = TRACKER._around(plan, tracked_av(plan.replay.av, *perfectly(plan)))
+    played = TRACKER.around(plan, tracked_av(plan.replay.av, *perfectly(plan)))
     for name in ("x", "v", "a", "clearance_to_T", "clearance_after_T"):
         np.testing.assert_allclose(getattr(played, name), getattr(plan.replay, name), atol=1e-9, err_msg=name)
     for name in ("x", "y", "vx", "vy"):
@@ -48,7 +48,7 @@ def test_so_it_is_where_the_car_waits_or_takes_another_gap(seed, waits, gap):
     wanted = (names.LOCAL_OPTIMUM_START, names.PRIMARY_ACCOUNTING)
     plan = next(p for p in plan_starts(problem) if (p.policy, p.accounting) == wanted)
     assert (plan.delay_s, plan.gap) == (waits, gap)
-    played = PlanTracker(problem)._around(plan, tracked_av(plan.replay.av, *perfectly(plan, problem)))
+    played = PlanTracker(problem).around(plan, tracked_av(plan.replay.av, *perfectly(plan, problem)))
     for name in ("x", "v", "a", "clearance_to_T", "clearance_after_T"):
         np.testing.assert_allclose(getattr(played, name), getattr(plan.replay, name), atol=1e-9, err_msg=name)
 

@@ -15,12 +15,15 @@ from highd_lc.vocab.tables.scenarios import SCENARIO_TABLES
 from highd_lc.vocab.tables.studies import STUDY_TABLES
 from highd_lc.vocab.tables.summaries import FIT_TABLES, SUMMARY_LCM, SUMMARY_LOSSES, VALIDATION_MATRIX
 
-SCHEMA_VERSION: Final = 2
+SCHEMA_VERSION: Final = 3
+PARTITIONED: Final = {"ingest": "tracks", "validate": "trajectories"}
+"""Of each stage that makes one, the artefact that is too large to combine and stays divided by recording."""
 
 _RECORDING = Column("recording_id", "int64", "number in the recording's file name", minimum=0)
 _EVENT = _word("event_id", "RR-VVVV-FFFFF: recording, ego, crossing frame")
 _POLICY = _word("policy", "who planned the motion (equations.md 6)", names.POLICIES)
 _ACCOUNTING = _word("accounting", "over which time each side is charged", names.ACCOUNTINGS)
+_FOLLOWER_MODEL = _word("followers", "follower model that planned and scored the row (equations.md 3)")
 _VEHICLE = Column("vehicle_id", "int64", "the vehicle's id in its recording", minimum=0)
 
 TRACKS = Table(
@@ -238,11 +241,12 @@ FOLLOWERS = Table(
 
 PLANS = Table(
     "plans",
-    "event, policy and accounting",
-    ("recording_id", "event_id", "policy", "accounting"),
+    "event, follower model, policy and accounting",
+    ("recording_id", "event_id", "followers", "policy", "accounting"),
     (
         _EVENT,
         _RECORDING,
+        _FOLLOWER_MODEL,
         _POLICY,
         _ACCOUNTING,
         _number("T", "duration of the manoeuvre, a multiple of 0.1 s; null when infeasible", "s"),
@@ -275,11 +279,12 @@ PLANS = Table(
 
 LOSSES = Table(
     "losses",
-    "event, policy and accounting",
-    ("recording_id", "event_id", "policy", "accounting"),
+    "event, follower model, policy and accounting",
+    ("recording_id", "event_id", "followers", "policy", "accounting"),
     (
         _EVENT,
         _RECORDING,
+        _FOLLOWER_MODEL,
         _POLICY,
         _ACCOUNTING,
         _word("contact", "who drives through whom (see plans): there are no losses then; empty = nobody"),
@@ -322,11 +327,12 @@ LOSSES = Table(
 
 TRACKING = Table(
     "tracking",
-    "event, policy and plant",
-    ("recording_id", "event_id", "policy", "plant"),
+    "event, follower model, policy and plant",
+    ("recording_id", "event_id", "followers", "policy", "plant"),
     (
         _EVENT,
         _RECORDING,
+        _FOLLOWER_MODEL,
         _POLICY,
         _word("plant", "kinematic bicycle or multi-body car", ("kinematic", "multi_body")),
         _word("status", "tracked, or why not"),
@@ -376,23 +382,8 @@ EVENT_PAGES = Table(
 TABLES: Final = {
     table.name: table
     for table in (
-        TRACKS,
-        VEHICLES,
-        RECORDINGS,
-        CROSSINGS,
-        EVENTS,
-        EVENT_TRACKS,
-        FOLLOWERS,
-        PLANS,
-        LOSSES,
-        VALIDATION_MATRIX,
-        TRACKING,
-        SUMMARY_LCM,
-        SUMMARY_LOSSES,
-        EVENT_PAGES,
-        *FIT_TABLES,
-        *PREDICTION_TABLES,
-        *STUDY_TABLES,
-        *SCENARIO_TABLES,
+        TRACKS, VEHICLES, RECORDINGS, CROSSINGS, EVENTS, EVENT_TRACKS, FOLLOWERS, PLANS, LOSSES,
+        VALIDATION_MATRIX, TRACKING, SUMMARY_LCM, SUMMARY_LOSSES, EVENT_PAGES, *FIT_TABLES, *PREDICTION_TABLES,
+        *STUDY_TABLES, *SCENARIO_TABLES,
     )
-}
+}  # fmt: skip

@@ -6,11 +6,12 @@ from highd_lc.vocab import names
 from highd_lc.vocab.tables.columns import Column, Table, count, number, word
 from highd_lc.vocab.tracking import PLANTS
 
-LCM: Final = "lcm"
-IDM: Final = "idm"
-LCM_DRAWN: Final = "lcm_drawn"
-FOLLOWER_MODELS: Final = (LCM, IDM, LCM_DRAWN)
-"""Who the followers are when a plan is scored: as planned, the IDM, LCM parameters drawn within their spread."""
+IDM_MOTORWAY: Final = "idm_motorway"
+DRAWN: Final = "drawn"
+SECOND_OPINIONS: Final = (IDM_MOTORWAY, DRAWN)
+"""Who the followers are when a plan is scored, beside the follower models: IDM drivers on a motorway, all alike;
+parameters drawn within the spread of those that planned.
+"""
 
 FRONT: Final = "front"
 SWEEP: Final = "sweep"
@@ -29,6 +30,7 @@ _RECORDING = Column("recording_id", "int64", "number in the recording's file nam
 _EVENT = word("event_id", "RR-VVVV-FFFFF: recording, ego, crossing frame")
 _FORM = word("form", "fixed or free end speed", (*names.FORMS, *names.START_FORMS))
 _ACCOUNTING = word("accounting", "over which time each side is charged", names.ACCOUNTINGS)
+_FOLLOWER_MODEL = word("followers", "follower model that planned and scored; the default one first")
 _OMEGA = number("omega_av", "weight of the AV in the joint objective", minimum=0, maximum=1)
 
 _GAIN = (
@@ -54,47 +56,51 @@ _TILE = (
     number("closing_high_mps", "upper edge; null = open", "m/s"),
 )
 
+_PLANNED_WITH = word("planned_with", "follower model that made the plans")
+_SCORED_WITH = word(
+    "scored_with",
+    f"who the followers are when the plans are scored: a follower model, {IDM_MOTORWAY} (all of them IDM drivers "
+    f"on a motorway), or {DRAWN} (parameters drawn within the spread of those that planned; means over the draws)",
+)
+
 CROSS_LOSSES = Table(
     "cross_losses",
-    "event, optimal policy and accounting that it minimised",
-    ("recording_id", "event_id", "policy", "accounting"),
+    "event, optimal policy, accounting that it minimised, and follower models that planned and that score",
+    ("recording_id", "event_id", "policy", "accounting", "planned_with", "scored_with"),
     (
         _EVENT,
         _RECORDING,
         word("policy", "whose plan is scored", OPTIMAL_POLICIES),
         word("accounting", "accounting under which the plan was optimised", names.ACCOUNTINGS),
+        _PLANNED_WITH,
+        _SCORED_WITH,
         *(number(f"av_to_{end}", f"AV's loss charged to {end}", minimum=0) for end in ("T", "H")),
         *(
-            number(f"hv_to_{end}_{model}", f"followers' loss charged to {end}: {meaning}", minimum=0)
-            for model, meaning in (
-                (LCM, "as planned"),
-                (IDM, "all followers by the IDM"),
-                (LCM_DRAWN, "mean over drawn LCM parameters"),
-            )
+            number(f"hv_to_{end}", f"followers' loss charged to {end}; null after a contact", minimum=0)
             for end in ("T", "H")
         ),
         *(
-            count(f"contacts_to_{end}_{model}", f"{meaning} up to {end}, whose loss is left out")
-            for model, meaning in (
-                (LCM, "1 = somebody drives through another"),
-                (IDM, "1 = somebody drives through another, by the IDM,"),
-                (LCM_DRAWN, "draws in which somebody does, under this policy or its counterpart,"),
+            count(
+                f"contacts_to_{end}",
+                f"1 = somebody drives through another up to {end}; drawn: draws in which somebody does, under "
+                "this policy or its counterpart; left out of the loss",
             )
             for end in ("T", "H")
         ),
-        Column("contact_after_T", "bool", "whether ellipses overlap between T and H", "", True),
+        Column("contact_after_T", "bool", "whether ellipses overlap between T and H, as planned", "", True),
     ),
 )
 
 CROSS_SCORES = Table(
     "cross_scores",
-    "form, accounting optimised, accounting scored and followers",
-    ("form", "optimised", "scored", "followers"),
+    "form, follower models that planned and that score, accounting optimised and accounting scored",
+    ("planned_with", "form", "optimised", "scored", "scored_with"),
     (
         _FORM,
+        _PLANNED_WITH,
+        _SCORED_WITH,
         word("optimised", "accounting under which the plans were optimised", names.ACCOUNTINGS),
         word("scored", "accounting under which they are scored", names.ACCOUNTINGS),
-        word("followers", "who the followers are when the plans are scored", FOLLOWER_MODELS),
         *_GAIN,
         count("touching", "events in which a plan's ellipse overlaps another after T, within the scored time"),
     ),
@@ -102,9 +108,10 @@ CROSS_SCORES = Table(
 
 GAIN_MAP = Table(
     "gain_map",
-    "form, accounting and tile of spacing and speed difference at t_start",
-    ("form", "accounting", "spacing_low_m", "closing_low_mps"),
+    "follower model, form, accounting and tile of spacing and speed difference at t_start",
+    ("followers", "form", "accounting", "spacing_low_m", "closing_low_mps"),
     (
+        _FOLLOWER_MODEL,
         _FORM,
         _ACCOUNTING,
         *_TILE,
@@ -115,9 +122,10 @@ GAIN_MAP = Table(
 
 LEAVE_ONE_OUT = Table(
     "leave_one_out",
-    "form, accounting and location left out",
-    ("form", "accounting", "location_id"),
+    "follower model, form, accounting and location left out",
+    ("followers", "form", "accounting", "location_id"),
     (
+        _FOLLOWER_MODEL,
         _FORM,
         _ACCOUNTING,
         Column("location_id", "int64", "site whose recordings are left out"),
@@ -128,11 +136,12 @@ LEAVE_ONE_OUT = Table(
 
 WORSE_FOR_SOMEBODY = Table(
     "worse_for_somebody",
-    "event, form, accounting and who loses by the local optimum",
-    ("recording_id", "event_id", "form", "accounting", "who"),
+    "event, follower model, form, accounting and who loses by the local optimum",
+    ("followers", "recording_id", "event_id", "form", "accounting", "who"),
     (
         _EVENT,
         _RECORDING,
+        _FOLLOWER_MODEL,
         _FORM,
         _ACCOUNTING,
         word("who", "the follower's role, or together: AV and followers"),
@@ -386,20 +395,7 @@ TRACKING_SUMMARY = Table(
 )
 
 STUDY_TABLES: Final = (
-    TRACKING_SUMMARY,
-    CROSS_LOSSES,
-    CROSS_SCORES,
-    GAIN_MAP,
-    LEAVE_ONE_OUT,
-    WORSE_FOR_SOMEBODY,
-    HORIZON_LOSSES,
-    HORIZON_SENSITIVITY,
-    PARETO,
-    PARETO_SUMMARY,
-    UNCERTAINTY,
-    FORESIGHT,
-    FORESIGHT_SUMMARY,
-    START_MAP,
-    SOLVER_COMPARISON,
-    SOLVER_SUMMARY,
-)
+    TRACKING_SUMMARY, CROSS_LOSSES, CROSS_SCORES, GAIN_MAP, LEAVE_ONE_OUT, WORSE_FOR_SOMEBODY, HORIZON_LOSSES,
+    HORIZON_SENSITIVITY, PARETO, PARETO_SUMMARY, UNCERTAINTY, FORESIGHT, FORESIGHT_SUMMARY, START_MAP,
+    SOLVER_COMPARISON, SOLVER_SUMMARY,
+)  # fmt: skip

@@ -77,12 +77,14 @@ FIT_TABLES: Final = (FOLLOWER_TRACKS, IDENTIFIABILITY, POOLING)
 _POLICY = word("policy", "who planned the motion (equations.md 6)", names.POLICIES)
 _FORMS = (*names.FORMS, *names.START_FORMS)
 _ACCOUNTING = word("accounting", "over which time each side is charged", names.ACCOUNTINGS)
+_FOLLOWER_MODEL = word("followers", "follower model that planned and scored; the default one first")
 
 VALIDATION_MATRIX = Table(
     "validation_matrix",
-    "form, accounting and stratum",
-    ("form", "accounting", "stratum"),
+    "follower model, form, accounting and stratum",
+    ("followers", "form", "accounting", "stratum"),
     (
+        _FOLLOWER_MODEL,
         word("form", "fixed or free end speed; start, free_start: with a chosen start", _FORMS),
         _ACCOUNTING,
         word("stratum", "all, or a class of one stratification"),
@@ -131,9 +133,10 @@ SUMMARY_LCM = Table(
 
 SUMMARY_LOSSES = Table(
     "summary_losses",
-    "policy, reference policy, accounting and quantity",
-    ("policy", "against", "accounting", "quantity"),
+    "follower model, policy, reference policy, accounting and quantity",
+    ("followers", "policy", "against", "accounting", "quantity"),
     (
+        _FOLLOWER_MODEL,
         _POLICY,
         word("against", "policy it is compared with", names.POLICIES),
         _ACCOUNTING,

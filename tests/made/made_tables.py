@@ -66,5 +66,5 @@ def tables(tracks, *, changes=(), later=()):
         followers=nothing,
         tracks={(EVENT, role): track for role, track in tracks.items()},
         sizes={vehicle: (length, 1.9) for vehicle, length in LENGTH.items()},
-        fits={(EVENT,): fits},
+        drivers={"own_fit": {(EVENT,): fits}},
     )

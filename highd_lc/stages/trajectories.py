@@ -1,0 +1,112 @@
+"""The artefact ``trajectories``: what was recorded, planned, simulated and tracked, on the grid of 0.1 s."""
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+import pyarrow as pa
+from numpy.typing import NDArray
+
+from highd_lc.io import artefacts
+from highd_lc.planning.planner import Plan, PlanningProblem
+from highd_lc.planning.replay import AvMotion, box_centre
+from highd_lc.planning.scene import Motion
+from highd_lc.stages.scenes import TIME_STEP
+from highd_lc.stages.validate_samples import Planned
+from highd_lc.vocab import names
+from highd_lc.vocab.job import Job
+from highd_lc.vocab.tables import PARTITIONED, TABLES
+from highd_lc.vocab.tables.prediction import RECORDED
+from highd_lc.vocab.tracking import KINEMATIC
+
+SingleArray = NDArray[np.float32]
+FloatArray = NDArray[np.float64]
+
+SIMULATED: Final = "simulated"
+TRACKED: Final = "tracked"
+_STAGE: Final = "validate"
+_NAME: Final = PARTITIONED[_STAGE]
+_KEY: Final = TABLES[_NAME].order[:-1]
+_VALUES: Final = ("t", "x", "y", "vx", "ax")
+_TRACES_A_GROUP: Final = 4096
+"""Traces of a row group: about half a million rows, so that the words beside them never fill the memory."""
+
+
+@dataclass(frozen=True)
+class Trace:
+    """A vehicle's motion. key: the columns that name it, in the table's order; values: t, x, y, vx, ax, (5, n)."""
+
+    key: tuple[str, ...]
+    values: SingleArray
+
+
+def recorded_traces(event_id: str, motions: Iterable[tuple[str, int, Motion]]) -> Iterator[Trace]:
+    """Everybody's recorded motion while in view. motions: role, first sample in view, motion."""
+    for role, first, motion in motions:
+        key = (event_id, names.PRIMARY_ACCOUNTING, RECORDED, "", RECORDED, role)
+        yield _trace(key, (motion.x, motion.y, motion.v, motion.a), first, motion.observed)
+
+
+def planned_traces(planned: Planned) -> Iterator[Trace]:
+    """What a follower model makes of an event: each policy's motions, behind the recorded ego, and as tracked."""
+    problem = planned.tracker.problem
+    for plan in planned.plans:
+        if plan.accounting == names.PRIMARY_ACCOUNTING and plan.replay is not None:
+            key = (problem.scene.event_id, plan.accounting, plan.policy, planned.model, SIMULATED)
+            yield _trace((*key, names.EGO), _ego(problem, plan, plan.replay.av))
+            yield from _followers(problem, plan, key, seen=None)
+            if plan.policy == names.HUMAN:
+                key = (problem.scene.event_id, plan.accounting, RECORDED, planned.model, SIMULATED)
+                yield from _followers(problem, plan, key, seen=plan.replay.av.recorded + 1)
+    for plan, plant, driven in planned.drives:
+        if plant == KINEMATIC and driven is not None and driven.replay is not None:
+            key = (problem.scene.event_id, plan.accounting, plan.policy, planned.model, TRACKED)
+            av = driven.replay.av
+            yield _trace((*key, names.EGO), _ego(problem, plan, av), last=av.n + 1)
+
+
+def _ego(problem: PlanningProblem, plan: Plan, av: AvMotion) -> tuple[FloatArray, ...]:
+    """The AV's box centre: of a quintic's motion the planned point is the rear axle."""
+    at_rear_axle = plan.policy not in (names.HUMAN, names.NO_LANE_CHANGE)
+    x, y = box_centre(av, problem.packed.rear_to_centre if at_rear_axle else 0.0)
+    return x, y, av.vx, av.ax
+
+
+def _followers(problem: PlanningProblem, plan: Plan, key: tuple[str, ...], *, seen: int | None) -> Iterator[Trace]:
+    """The followers under a plan. seen: samples of the ego in view, to end with the recorded ones; None: all."""
+    followers, played = problem.scene.followers, plan.replay
+    assert played is not None, "asked for plans alone"
+    for i, recorded in enumerate(followers.recorded):
+        level = np.full(played.x.shape[1], followers.y[i])
+        last = None if seen is None else min(seen, recorded.observed)
+        motion = (played.x[i], level, played.v[i], played.a[i])
+        yield _trace((*key, names.target_follower(i + 1)), motion, last=last)
+
+
+def _trace(key: tuple[str, ...], motion: Sequence[FloatArray], first: int = 0, last: int | None = None) -> Trace:
+    """x, y, vx, ax at the samples first .. last - 1."""
+    columns = [column[first:last] for column in motion]
+    times = np.arange(first, first + len(columns[0])) * TIME_STEP
+    return Trace(key, np.stack([times, *columns]).astype(np.float32))
+
+
+def write_traces(job: Job, traces: list[Trace]) -> int:
+    """Write a recording's file of ``trajectories``, be it without rows. Returns the number of rows."""
+    ordered = sorted((trace for trace in traces if trace.values.size), key=lambda trace: trace.key)
+    groups = (ordered[k : k + _TRACES_A_GROUP] for k in range(0, len(ordered), _TRACES_A_GROUP))
+    path = artefacts.partition(job.work, _NAME, job.recording)
+    return artefacts.write_file(path, _NAME, map(_table, groups), job.provenance)
+
+
+def _table(traces: Sequence[Trace]) -> pa.Table:
+    lengths = [trace.values.shape[1] for trace in traces]
+    columns = {}
+    for place, name in enumerate(_KEY):
+        words, codes = np.unique([trace.key[place] for trace in traces], return_inverse=True)
+        every = pa.array(np.repeat(codes, lengths).astype(np.int32))
+        columns[name] = pa.DictionaryArray.from_arrays(every, pa.array(words.tolist())).cast(pa.string())
+    values = np.concatenate([trace.values for trace in traces], axis=1)
+    columns |= {name: pa.array(row) for name, row in zip(_VALUES, values, strict=True)}
+    table = TABLES[_NAME]
+    return pa.table([columns[name] for name in table.column_names], names=list(table.column_names))
