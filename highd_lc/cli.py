@@ -138,11 +138,6 @@ def _is_data(path: Path) -> bool:
     )
 
 
-@app.callback()
-def _prepare() -> None:
-    require_cache()
-
-
 def _stage_command(name: str, text: str) -> None:
     def command(
         pipeline: Pipeline = None,
@@ -192,7 +187,7 @@ _VERSION = typer.Option("--version", callback=_print_version, is_eager=True, hel
 
 @app.callback()
 def _before_all(version_: Annotated[bool, _VERSION] = False) -> None:
-    pass
+    require_cache()
 
 
 @app.command()

@@ -49,13 +49,3 @@ def idm_acceleration(v: float, gap: float, v_leader: float, driver: IdmParameter
     """Acceleration [m/s^2] of a driver by the IDM, its hardest braking at most. v, v_leader in m/s; gap in m."""
     wanted: float = idm_command(v, gap, v_leader, driver.v_desire, driver.A, driver.b, driver.T, driver.s0)
     return max(wanted, -driver.hardest)
-
-
-def equilibrium_gap(v: float, driver: IdmParameters) -> float:
-    """Gap [m] at which a follower and its leader both drive at v [m/s]: (s0 + v T) / sqrt(1 - (v/v_desire)^4).
-
-    NaN from v_desire on: no equilibrium exists there.
-    """
-    if v >= driver.v_desire:
-        return float("nan")
-    return float((driver.s0 + v * driver.T) / np.sqrt(1.0 - (v / driver.v_desire) ** 4))

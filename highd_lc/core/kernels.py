@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 def _offered() -> dict[str, Any]:
     if "noalias" not in Flags.options:
         return {}
-    CPUTargetOptions.noalias = TargetOptions.Mapping("noalias")  # type: ignore[no-untyped-call]
+    CPUTargetOptions.noalias = TargetOptions.Mapping("noalias")  # type: ignore[no-untyped-call]  # numba has no types
     return {"noalias": True}
 
 

@@ -129,26 +129,3 @@ def equilibrium_spacing(v: float, parameters: NDArray[np.float64]) -> float:
     if v >= v_desire:
         return float("nan")
     return float(desired_spacing(v, v, b, B, tau, L) * (1.0 - np.log1p(-v / v_desire)))
-
-
-def lcm_jerk(
-    v: float,
-    a: float,
-    spacing: float,
-    v_leader: float,
-    a_leader: float,
-    parameters: NDArray[np.float64],
-) -> float:
-    """Closed-form jerk [m/s^3] of the LCM in continuous time (equations 14 and 15, corrected).
-
-    j = A (-a / v_desire + (sdot / s* - s sdot* / s*^2) exp(1 - s / s*)),
-    sdot* = v a / b - v_leader a_leader / B + a tau, and 0 on the floor. Units: m/s, m/s^2, m;
-    parameters: shape (6,).
-    """
-    v_desire, A, b, B, tau, L = parameters
-    wanted = v * v / (2 * b) - v_leader * v_leader / (2 * B) + v * tau + L
-    s_star = max(wanted, L)
-    s_star_rate = v * a / b - v_leader * a_leader / B + a * tau if wanted > L else 0.0
-    spacing_rate = v_leader - v
-    closeness = np.exp(1.0 - spacing / s_star)
-    return float(A * (-a / v_desire + (spacing_rate / s_star - spacing * s_star_rate / s_star**2) * closeness))

@@ -22,10 +22,9 @@ FloatArray = NDArray[np.float64]
 Real = TypeVar("Real", float, FloatArray)
 """The shapes below serve numpy arrays as they are, and single numbers inside compiled kernels."""
 
-PEAK_VY = 15.0 / 8.0
 PEAK_AY = 10.0 / math.sqrt(3.0)
 END_JY = 60.0
-"""Peaks of |ydot| T/D, |yddot| T^2/D and |ydddot| T^3/D of y = D z."""
+"""Peaks of |yddot| T^2/D and |ydddot| T^3/D of y = D z."""
 SHARE_TOLERANCE = 1e-9
 """A share of the lateral way counts as made from this much below it on."""
 

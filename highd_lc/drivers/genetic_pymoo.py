@@ -60,7 +60,7 @@ def minimise_with_pymoo(
 def _pymoo_problem(problem: FitProblem, objective: Objective) -> Any:
     from pymoo.core.problem import Problem
 
-    class CarFollowingFit(Problem):  # type: ignore[misc]
+    class CarFollowingFit(Problem):  # type: ignore[misc]  # pymoo has no types
         def __init__(self) -> None:
             super().__init__(n_var=6, n_obj=1, xl=problem.lower, xu=problem.upper)
 

@@ -98,7 +98,7 @@ def content_hash(path: Path) -> str:
 
 
 def _hash(source: BinaryIO) -> str:
-    return hashlib.file_digest(source, "sha256").hexdigest()[:16]  # type: ignore[arg-type]
+    return hashlib.file_digest(source, "sha256").hexdigest()[:16]  # type: ignore[arg-type]  # readinto is no part of BinaryIO
 
 
 def _enter(path: Path, sink: BinaryIO) -> None:

@@ -104,8 +104,7 @@ def _read_chunks(
     buffer = np.zeros(_CHUNK + _WORD, dtype=np.uint8)
     words = np.ndarray(shape=_CHUNK + 1, dtype=np.uint64, buffer=buffer, strides=1)
     runs, lines = _runs(kinds), np.empty(_CHUNK // EVERY + 1, dtype=np.int64)
-    row = 0
-    kept: _Int = 0
+    row = kept = 0
     with open_bytes(path) as file:
         file.readline()
         while got := file.readinto(buffer.data[kept:_CHUNK]):
@@ -189,7 +188,7 @@ def _parse(
     row: int,
     powers: FloatArray,
     lines: IntArray,
-) -> tuple[int, _Int]:
+) -> tuple[int, int]:
     """Parse the whole lines of a buffer. Returns the next row and the bytes used, or that it gave up.
 
     words: the eight bytes from each byte of the buffer on; lines: where the sampled lines begin, filled in.
@@ -234,7 +233,7 @@ def _parse(
             at += 1
             column += 1
         row += 1
-    return row, at
+    return row, int(at)
 
 
 @njit(cache=True, nogil=True)

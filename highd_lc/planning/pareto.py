@@ -264,7 +264,7 @@ def nothing() -> Points:
 def _problem(space: Space, accounting: str) -> Any:
     from pymoo.core.problem import Problem
 
-    class _Plans(Problem):  # type: ignore[misc]
+    class _Plans(Problem):  # type: ignore[misc]  # pymoo has no types
         def __init__(self) -> None:
             m = space.dimensions
             super().__init__(n_var=m, n_obj=2, n_ieq_constr=1, xl=np.zeros(m), xu=np.ones(m))

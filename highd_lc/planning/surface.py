@@ -1,6 +1,6 @@
 """The loss surface of an event over (T, x_final), with its feasible region and the plans' own points, as data."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Final
 
@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from highd_lc.core.losses import joint_objective
-from highd_lc.planning.planner import Plan, PlanningProblem
+from highd_lc.planning.planner import PlanningProblem
 from highd_lc.planning.pool import Pool
 from highd_lc.vocab import names
 
@@ -62,20 +62,8 @@ class LossSurface:
         return np.where(self.feasible[accounting], value, np.nan)
 
 
-def surface_points(problem: PlanningProblem, plans: Iterable[Plan]) -> tuple[SurfacePoint, ...]:
-    """The points of an event's plans, without those that were not solved."""
-    found = []
-    for plan in plans:
-        if plan.policy in ON_SURFACE and plan.replay is not None:
-            av = plan.replay.av
-            T = round(av.n * problem.packed.dt, 10)
-            x = plan.quintic.x_final if plan.quintic is not None else float(av.x[av.n])
-            found.append(SurfacePoint(plan.policy, plan.accounting, T, x - problem.packed.v0 * T))
-    return tuple(found)
-
-
 def loss_surface(problem: PlanningProblem, points: tuple[SurfacePoint, ...]) -> LossSurface:
-    """The surface of an event, wide enough for the points (see ``surface_points``)."""
+    """The surface of an event, wide enough for the points."""
     n = problem.task.durations[::EVERY]
     width = max([_MARGIN * abs(point.x_offset) for point in points] + [_SMALLEST_HALF_WIDTH_M])
     x = np.linspace(-width, width, OFFSETS)

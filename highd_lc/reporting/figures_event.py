@@ -119,12 +119,12 @@ def _limits(report: EventReport, curves: Iterable[Curve], step: float) -> tuple[
 
 
 def _losses(report: EventReport) -> Panel:
-    policies = [q for q in reversed(names.POLICIES) if report.plan(q) is not None]
+    plans = {q: plan for q in reversed(names.POLICIES) if (plan := report.plan(q)) is not None}
     blocks, notes, longest = [], [], 1.0
-    for row, policy in enumerate(policies):
+    for row, (policy, plan) in enumerate(plans.items()):
         loss = report.loss(policy)
         if loss is None or not math.isfinite(loss["loss_total"]):
-            status = labels.STATUSES[report.plan(policy)["status"]]  # type: ignore[index]
+            status = labels.STATUSES[plan["status"]]
             notes.append(Note(0.3, row, status, colour=QUIET))
             continue
         left = 0.0
@@ -134,9 +134,9 @@ def _losses(report: EventReport) -> Panel:
             left += half
         notes.append(Note(left, row, f" {loss['loss_total']:.2f}"))
         longest = max(longest, left)
-    limits = (0.0, 10.0 * math.ceil(1.3 * longest / 10.0), -0.6, len(policies) - 0.4)
+    limits = (0.0, 10.0 * math.ceil(1.3 * longest / 10.0), -0.6, len(plans) - 0.4)
     title = f"Losses ({labels.ACCOUNTING_NAMES[names.PRIMARY_ACCOUNTING].lower()} accounting)"
-    short = tuple(_shortest(q) for q in policies)
+    short = tuple(_shortest(q) for q in plans)
     return Panel(title, "loss (normalised, no unit)", "", limits, (), tuple(blocks), tuple(notes), short)
 
 

@@ -12,15 +12,14 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from highd_lc.reporting.drawing import INK, LINE, QUIET
+from highd_lc.reporting.drawing import INK, LEGEND, LINE, QUIET, SIZE, panels
+from highd_lc.reporting.drawing import label as label_axes
 from highd_lc.reporting.html import percent
 from highd_lc.vocab import names
 
-_FONT: Final = 8.5
 _COLOURS: Final = {names.CAR: "#0072B2", names.TRUCK: "#D55E00"}
 _SIDES: Final = (names.LEFT, names.RIGHT, "")
 _SHADES: Final = {names.LEFT: 1.0, names.RIGHT: 0.6, "": 0.3}
-_LEGEND: Final = {"frameon": False, "fontsize": _FONT, "labelcolor": QUIET}
 PUBLISHED_MEAN_S: Final = {names.CAR: 5.70, names.TRUCK: 6.22}
 PUBLISHED_MEDIAN_S: Final = {names.CAR: 5.55, names.TRUCK: 6.08}
 PUBLISHED_COMPLETE: Final = (7674 + 746) / 13949
@@ -41,14 +40,14 @@ def funnel_figure(crossings: pd.DataFrame) -> Figure:
         left -= len(taken)
         rows.append((reason.replace("_", " "), taken, left))
     rows.append(("usable events", crossings[crossings["usable"]], 0))
-    figure = Figure(figsize=(7.6, 0.9 + 0.3 * len(rows)), facecolor="white", layout="constrained")
-    axes = _dressed(figure.add_subplot())
+    figure, grid = panels(7.6, 0.9 + 0.3 * len(rows))
+    axes = grid[0, 0]
     for place, (_, part, start) in enumerate(rows):
         _split_bar(axes, place, part, start)
     axes.set_yticks(range(len(rows)), [label for label, _, _ in rows])
     axes.invert_yaxis()
     axes.set_xlim(0, max(len(crossings), 1) * 1.12)
-    _label_x(axes, "lane-id changes")
+    label_axes(axes, x="lane-id changes", grid="none")
     _add_split_legend(axes, crossings)
     return figure
 
@@ -62,7 +61,7 @@ def _split_bar(axes: Axes, place: int, part: pd.DataFrame, start: int) -> None:
             start += n
     axes.annotate(
         str(len(part)), (start, place), xytext=(4, 0), textcoords="offset points",
-        va="center", fontsize=_FONT, color=INK,
+        va="center", fontsize=SIZE, color=INK,
     )  # fmt: skip
 
 
@@ -73,7 +72,7 @@ def _add_split_legend(axes: Axes, crossings: pd.DataFrame) -> None:
                 label = f"{kind.lower()}s, to the {side}" if side else f"{kind.lower()}s, off the markings"
                 axes.barh(0, 0, color=_COLOURS[kind], alpha=_SHADES[side], label=label)
     if axes.get_legend_handles_labels()[0]:
-        axes.legend(loc="lower right", **_LEGEND)
+        axes.legend(loc="lower right", **LEGEND)
 
 
 def quality_figure(recordings: pd.DataFrame) -> Figure:
@@ -81,10 +80,9 @@ def quality_figure(recordings: pd.DataFrame) -> Figure:
 
     recordings: rows of ``recordings``, a recording and carriageway each.
     """
-    figure = Figure(figsize=(7.6, 5.4), facecolor="white", layout="constrained")
-    upper, lower = figure.subplots(2, 1)
-    _draw_bias(_dressed(upper), recordings)
-    _draw_profiles(_dressed(lower), recordings)
+    figure, grid = panels(7.6, 5.4, rows=2)
+    _draw_bias(grid[0, 0], recordings)
+    _draw_profiles(grid[1, 0], recordings)
     return figure
 
 
@@ -100,9 +98,8 @@ def _draw_bias(axes: Axes, recordings: pd.DataFrame) -> None:
             axes.plot(rows["recording_id"], rows["mean_speed_change"], marker, color=colour, ms=6, mfc="none")
     axes.plot([], [], "o", color=QUIET, mfc="none", ms=6, label="hollow: from first and last speed")
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))
-    axes.set_ylabel("mean forward\nacceleration [m/s²]", fontsize=_FONT, color=QUIET)
-    _label_x(axes, "recording")
-    axes.legend(ncols=3, loc="lower left", bbox_to_anchor=(0, 1), **_LEGEND)
+    label_axes(axes, x="recording", y="mean forward\nacceleration [m/s²]", grid="none")
+    axes.legend(ncols=3, loc="lower left", bbox_to_anchor=(0, 1), **LEGEND)
 
 
 def _draw_profiles(axes: Axes, recordings: pd.DataFrame) -> None:
@@ -113,8 +110,12 @@ def _draw_profiles(axes: Axes, recordings: pd.DataFrame) -> None:
         profile = np.asarray(row.disagreement_profile, dtype=float)
         x = row.entry_m + 10.0 * (np.arange(len(profile)) + 0.5)
         axes.plot(x, profile, color=_WAYS[row.driving_direction][0], linewidth=0.8, alpha=0.7)
-    axes.set_ylabel("change of position\nminus speed [m/s]", fontsize=_FONT, color=QUIET)
-    _label_x(axes, "place along the section, from its entry [m]")
+    label_axes(
+        axes,
+        x="place along the section, from its entry [m]",
+        y="change of position\nminus speed [m/s]",
+        grid="none",
+    )
 
 
 def distributions_figure(crossings: pd.DataFrame, events: pd.DataFrame) -> Figure:
@@ -123,9 +124,9 @@ def distributions_figure(crossings: pd.DataFrame, events: pd.DataFrame) -> Figur
     crossings, events: rows of the tables of that name. Published means (solid) and medians (dashed) of the
     duration are drawn beside ours, and the share of crossings whose start and end are in view is stated.
     """
-    figure = Figure(figsize=(7.6, 5.6), facecolor="white", layout="constrained")
-    axes = [_dressed(one) for one in figure.subplots(2, 3).ravel()]
-    figure.suptitle(_completeness(crossings), fontsize=_FONT, color=INK, x=0.01, ha="left")
+    figure, grid = panels(7.6, 5.6, rows=2, columns=3)
+    axes = grid.ravel()
+    figure.suptitle(_completeness(crossings), fontsize=SIZE, color=INK, x=0.01, ha="left")
     _draw_duration(axes[0], crossings, events)
     absolute = events.assign(lateral_shift_m=events["lateral_shift_m"].abs())
     _histogram(axes[1], absolute, "lateral_shift_m", "lateral shift [m]")
@@ -135,7 +136,7 @@ def distributions_figure(crossings: pd.DataFrame, events: pd.DataFrame) -> Figur
     _draw_followers(axes[5], events)
     handles, _ = axes[0].get_legend_handles_labels()
     if handles:
-        figure.legend(handles=handles, loc="outside lower left", ncols=len(handles), **_LEGEND)
+        figure.legend(handles=handles, loc="outside lower left", ncols=len(handles), **LEGEND)
     return figure
 
 
@@ -174,8 +175,7 @@ def _histogram(axes: Axes, events: pd.DataFrame, column: str, label: str) -> Non
             axes.hist(
                 values, edges, weights=weights, histtype="step", color=_COLOURS[kind], linewidth=1.4, label=name
             )
-    _label_x(axes, label)
-    axes.set_ylabel("share [%]", fontsize=_FONT, color=QUIET)
+    label_axes(axes, x=label, y="share [%]", grid="none")
 
 
 def _draw_followers(axes: Axes, events: pd.DataFrame) -> None:
@@ -186,19 +186,4 @@ def _draw_followers(axes: Axes, events: pd.DataFrame) -> None:
             shares = 100 * own.value_counts(normalize=True).sort_index()
             axes.bar(shares.index + 0.4 * (place - 0.5), shares, width=0.38, color=_COLOURS[kind])
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))
-    _label_x(axes, "followers on the target lane")
-    axes.set_ylabel("share [%]", fontsize=_FONT, color=QUIET)
-
-
-def _label_x(axes: Axes, text: str) -> None:
-    axes.set_xlabel(text, fontsize=_FONT, color=QUIET)
-
-
-def _dressed(axes: Axes) -> Axes:
-    axes.tick_params(labelsize=_FONT, color=LINE, labelcolor=QUIET, length=3)
-    axes.set_axisbelow(True)
-    for side in ("top", "right"):
-        axes.spines[side].set_visible(False)
-    for side in ("left", "bottom"):
-        axes.spines[side].set_color(LINE)
-    return axes
+    label_axes(axes, x="followers on the target lane", y="share [%]", grid="none")

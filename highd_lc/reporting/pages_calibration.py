@@ -12,7 +12,7 @@ from highd_lc.reporting import html, labels
 from highd_lc.reporting.event import FitTrace
 from highd_lc.reporting.figures_population import ALL
 from highd_lc.reporting.figures_studies import fits_figure
-from highd_lc.reporting.pages_data import Column, Section, TableView, overview_page, table_view
+from highd_lc.reporting.pages_data import Column, Section, TableView, overview_page, percentage, table_view
 from highd_lc.vocab import names
 from highd_lc.vocab.driver import PARAMETERS, UNITS
 from highd_lc.vocab.tables.summaries import BELIEVED
@@ -108,9 +108,9 @@ def _strength(value: float) -> str:
 _BELIEF_COLUMNS: Final = (
     Column("parameter", "Parameter"),
     Column("verdict", "Verdict"),
-    Column("width", "Interval, of the range", "%", 0, 100.0),
-    Column("share_open", "Interval open", "%", 0, 100.0),
-    Column("share_at_bound", "On a bound", "%", 0, 100.0),
+    percentage("width", "Interval, of the range", 0),
+    percentage("share_open", "Interval open", 0),
+    percentage("share_at_bound", "On a bound", 0),
     Column("spread", "Spread over GA seeds", digits=2),
     Column("unit", "Unit"),
     Column("partner", "Trades against"),
@@ -120,7 +120,7 @@ _POOLING_COLUMNS: Final = (
     Column("label", "Drawn to the pool"),
     Column("held_out_mean", "Held-out error, mean", digits=4),
     Column("held_out_median", "median", digits=4),
-    Column("share_better", "Better than the own fit", "%", 0, 100.0),
+    percentage("share_better", "Better than the own fit", 0),
     Column("folds", "Folds that chose it", digits=0),
 )
 _QUANTILES: Final = (("q25", "25\u00a0%"), ("q50", "50\u00a0%"), ("q75", "75\u00a0%"), ("mean", "mean"))
@@ -133,7 +133,7 @@ _TABLE3_COLUMNS: Final = (
         for q, title in _QUANTILES
         for who, prefix in (("ours", ""), ("paper", "paper_"))
     ),
-    Column("share_at_bound", "On a bound", "%", 1, 100.0),
+    percentage("share_at_bound", "On a bound", 1),
 )
 _FIT_COLUMNS: Final = (
     Column("label", "Quantity"),

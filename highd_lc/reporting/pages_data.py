@@ -31,6 +31,11 @@ class Column:
     link: str | None = None
 
 
+def percentage(name: str, title: str, digits: int = 2) -> Column:
+    """A column of shares, written in percent."""
+    return Column(name, title, "%", digits, 100.0)
+
+
 @dataclass(frozen=True)
 class TableView:
     """A table as it stands on a page."""
@@ -108,12 +113,12 @@ _QUALITY_COLUMNS: Final = (
     Column("frame_rate", "Frame rate", "Hz", 1),
     Column("n_holes", "Holes in tracks", digits=0),
     Column("n_jumps", "Jumps in tracks", digits=0),
-    Column("share_outside", "Rows outside markings", "%", 2, 100.0),
+    percentage("share_outside", "Rows outside markings"),
     Column("mean_acceleration", "Mean acceleration (bias)", "m/s²", 3),
     Column("disagreement_inner", "Speed against position, inside the section", "m/s", 3),
-    Column("share_lane_changes", "Lane-id changes agree", "%", 2, 100.0),
-    Column("share_leader_ids", "Leader ids agree", "%", 2, 100.0),
-    Column("share_acceleration", "Acceleration agrees with speed", "%", 2, 100.0),
+    percentage("share_lane_changes", "Lane-id changes agree"),
+    percentage("share_leader_ids", "Leader ids agree"),
+    percentage("share_acceleration", "Acceleration agrees with speed"),
     Column("failed", "Failed cross-checks"),
 )
 

@@ -11,7 +11,7 @@ from highd_lc.reporting import follower_words as words
 from highd_lc.reporting import html, labels
 from highd_lc.reporting.event import PAIRS
 from highd_lc.reporting.figures_prediction import source_label
-from highd_lc.reporting.pages_data import Column, Section, table_view
+from highd_lc.reporting.pages_data import Column, Section, percentage, table_view
 from highd_lc.vocab.tables.prediction import CONTROL, OBSERVED
 
 _UNBALANCED: Final = 0.1
@@ -131,7 +131,7 @@ _BESIDE_COLUMNS: Final = (
     Column("effect_median", "median", digits=4),
     Column("net", "Mean effect with its sign", digits=3),
     Column("ratio", "Error over effect", digits=2),
-    Column("share", "Error larger, of events with both", "%", 1, 100.0),
+    percentage("share", "Error larger, of events with both", 1),
 )
 
 

@@ -13,15 +13,10 @@ from markupsafe import Markup
 from highd_lc.reporting import figures_population as figures
 from highd_lc.reporting import html, labels
 from highd_lc.reporting.figures_population import ALL, start_figure
-from highd_lc.reporting.pages_data import Column, Section, TableView, overview_page, table_view
+from highd_lc.reporting.pages_data import Column, Section, TableView, overview_page, percentage, table_view
 from highd_lc.vocab import names
 from highd_lc.vocab.tables import TABLES
 from highd_lc.vocab.tables import columns as schema
-
-
-def _percent(name: str, title: str, digits: int = 2) -> Column:
-    return Column(name, title, "%", digits, 100.0)
-
 
 _MATRIX_COLUMNS: Final = (
     Column("form_label", "Form"),
@@ -31,17 +26,17 @@ _MATRIX_COLUMNS: Final = (
     Column("contacts", "Contacts", digits=0),
     Column("total_benchmark", "Loss, benchmark", digits=1),
     Column("total_local", "Loss, local", digits=1),
-    _percent("gain", "Gain"),
-    _percent("gain_low", "from"),
-    _percent("gain_high", "to"),
-    _percent("gain_hv", "Gain of followers"),
-    _percent("gain_av", "Gain of AV"),
-    _percent("median_difference", "Median change of loss"),
-    _percent("hodges_lehmann", "the same, Hodges-Lehmann"),
-    _percent("share_differ", "Plans differ", 1),
-    _percent("share_better", "Better", 1),
-    _percent("share_worse", "Worse", 1),
-    _percent("share_worst_follower_worse", "Some follower loses", 1),
+    percentage("gain", "Gain"),
+    percentage("gain_low", "from"),
+    percentage("gain_high", "to"),
+    percentage("gain_hv", "Gain of followers"),
+    percentage("gain_av", "Gain of AV"),
+    percentage("median_difference", "Median change of loss"),
+    percentage("hodges_lehmann", "the same, Hodges-Lehmann"),
+    percentage("share_differ", "Plans differ", 1),
+    percentage("share_better", "Better", 1),
+    percentage("share_worse", "Worse", 1),
+    percentage("share_worst_follower_worse", "Some follower loses", 1),
 )
 _FOLLOWERS: Final = Column("followers_label", "Followers")
 _SEVERAL: Final = " First the follower model that plans every event, then others on a sample of the events."
@@ -202,13 +197,13 @@ def _map_section(tiles: pd.DataFrame) -> Section:
         Column("policy_label", "Policy"),
         Column("accounting_label", "Accounting"),
         Column("n_events", "Events", digits=0),
-        _percent("share_waiting", "Wait", 1),
-        _percent("share_other_gap", "Other gap", 1),
+        percentage("share_waiting", "Wait", 1),
+        percentage("share_other_gap", "Other gap", 1),
         Column("mean_delay_s", "Mean wait", "s", 2),
-        _percent("saved_objective", "Saved of what it minimises"),
-        _percent("saved_av", "of AV's loss"),
-        _percent("saved_hv", "of followers' loss"),
-        _percent("saved_total", "of total"),
+        percentage("saved_objective", "Saved of what it minimises"),
+        percentage("saved_av", "of AV's loss"),
+        percentage("saved_hv", "of followers' loss"),
+        percentage("saved_total", "of total"),
     )
     whole = tiles[tiles["spacing_low_m"].isna()]
     whole = whole.assign(
@@ -235,10 +230,10 @@ def _foresight_section(summary: pd.DataFrame) -> Section:
         Column("no_plan", "No plan", digits=0),
         Column("touching", "Touching somebody", digits=0),
         Column("mean_delay_s", "Mean wait", "s", 2),
-        _percent("share_waiting", "Wait", 1),
-        _percent("value_of_information", "Knowing saves"),
-        _percent("value_low", "from"),
-        _percent("value_high", "to"),
+        percentage("share_waiting", "Wait", 1),
+        percentage("value_of_information", "Knowing saves"),
+        percentage("value_low", "from"),
+        percentage("value_high", "to"),
     )
     rows = summary.assign(
         policy_label=summary["policy"].map(lambda policy: labels.POLICIES[policy].label),

@@ -215,8 +215,8 @@ def claims_section(claims: pd.DataFrame, *, title: str = "Claims", what: str = "
     )
 
 
-def _verdict_text(row: object) -> str:
-    verdict, holds, cells = row.default_verdict, row.holds, row.cells  # type: ignore[attr-defined]
+def _verdict_text(row: Any) -> str:
+    verdict, holds, cells = row.default_verdict, row.holds, row.cells
     counted = f" {holds}/{cells}" if cells > 1 else ""
     return f"{_VERDICT_WORDS[verdict]}{counted}"
 

@@ -8,7 +8,7 @@ import pandas as pd
 
 from highd_lc.reporting import figures_studies as figures
 from highd_lc.reporting import html, labels
-from highd_lc.reporting.pages_data import Column, Section, overview_page, table_view
+from highd_lc.reporting.pages_data import Column, Section, overview_page, percentage, table_view
 from highd_lc.vocab import names
 
 _WORST_SHOWN: Final = 50
@@ -52,21 +52,17 @@ def _sections(tables: StudyTables) -> Iterator[Section]:
     yield _worse_section(tables.worse_for_somebody)
 
 
-def _percent(name: str, title: str, digits: int = 2) -> Column:
-    return Column(name, title, "%", digits, 100.0)
-
-
 _GAINS: Final = (
     Column("n_events", "Events", digits=0),
     Column("infeasible", "Infeasible", digits=0),
     Column("contacts", "Contacts", digits=0),
-    _percent("gain", "Gain"),
-    _percent("gain_low", "from"),
-    _percent("gain_high", "to"),
-    _percent("gain_hv", "Gain of followers"),
-    _percent("gain_av", "Gain of AV"),
-    _percent("share_better", "Better", 1),
-    _percent("share_worse", "Worse", 1),
+    percentage("gain", "Gain"),
+    percentage("gain_low", "from"),
+    percentage("gain_high", "to"),
+    percentage("gain_hv", "Gain of followers"),
+    percentage("gain_av", "Gain of AV"),
+    percentage("share_better", "Better", 1),
+    percentage("share_worse", "Worse", 1),
 )
 
 
@@ -147,17 +143,17 @@ def _location_section(rows: pd.DataFrame) -> Section:
 _UNCERTAINTY: Final = (
     Column("event_id", "Event", link="events/{}.html"),
     Column("n_replanned", "Draws", digits=0),
-    _percent("gain", "Gain as fitted"),
-    _percent("gain_mean", "Mean gain"),
-    _percent("gain_low", "lowest"),
-    _percent("gain_high", "highest"),
-    _percent("share_better", "Better", 1),
-    _percent("share_worse", "Worse", 1),
+    percentage("gain", "Gain as fitted"),
+    percentage("gain_mean", "Mean gain"),
+    percentage("gain_low", "lowest"),
+    percentage("gain_high", "highest"),
+    percentage("share_better", "Better", 1),
+    percentage("share_worse", "Worse", 1),
     Column("n_kept", "Draws, plan kept", digits=0),
-    _percent("gain_kept_mean", "Mean gain, plan kept"),
-    _percent("share_kept_better", "Better, plan kept", 1),
+    percentage("gain_kept_mean", "Mean gain, plan kept"),
+    percentage("share_kept_better", "Better, plan kept", 1),
     Column("T_deviation", "Change of T", "s", 2),
-    _percent("spread_known", "Followers with known spread", 0),
+    percentage("spread_known", "Followers with known spread", 0),
 )
 
 
@@ -187,8 +183,8 @@ _PARETO: Final = (
     Column("n_front", "Plans on the front", digits=0),
     Column("hypervolume", "Hypervolume, NSGA-II", digits=4),
     Column("hypervolume_sweep", "Hypervolume, sweep", digits=4),
-    _percent("front_behind", "Front behind the sweep by at most", 3),
-    _percent("front_ahead", "Front ahead by at most", 3),
+    percentage("front_behind", "Front behind the sweep by at most", 3),
+    percentage("front_ahead", "Front ahead by at most", 3),
     Column("knee_loss_av", "Knee: AV loss", digits=2),
     Column("knee_loss_hv", "Knee: followers' loss", digits=2),
     Column("knee_omega_low", "Knee optimal from weight", digits=2),
@@ -223,10 +219,10 @@ def _solver_section(summary: pd.DataFrame) -> Section:
         _FORM,
         Column("omega_av", "AV's weight", digits=2),
         Column("n", "Cases", digits=0),
-        *(_percent(f"share_sqp_{key}", f"all starts: {title}", 1) for key, title in levels),
-        *(_percent(f"share_single_{key}", f"one start: {title}", 1) for key, title in levels),
-        _percent("excess_sqp_max", "largest excess", 3),
-        _percent("excess_sqp_min", "smallest excess", 3),
+        *(percentage(f"share_sqp_{key}", f"all starts: {title}", 1) for key, title in levels),
+        *(percentage(f"share_single_{key}", f"one start: {title}", 1) for key, title in levels),
+        percentage("excess_sqp_max", "largest excess", 3),
+        percentage("excess_sqp_min", "smallest excess", 3),
     )
     text = (
         "SLSQP, the method the paper names, against the global search on sampled events: from all of its starts, "
@@ -250,9 +246,9 @@ _TRACKING: Final = (
     Column("loss_av_tracked", "tracked", digits=3),
     Column("loss_hv_planned", "Followers' loss planned", digits=3),
     Column("loss_hv_tracked", "tracked", digits=3),
-    _percent("share_violating", "Violating", 1),
-    _percent("share_touching_planned", "Touching, planned", 1),
-    _percent("share_touching", "tracked", 1),
+    percentage("share_violating", "Violating", 1),
+    percentage("share_touching_planned", "Touching, planned", 1),
+    percentage("share_touching", "tracked", 1),
 )
 
 
@@ -281,7 +277,7 @@ def _worse_section(worse: pd.DataFrame) -> Section:
         Column("who_label", "Who loses"),
         Column("loss_benchmark", "Loss, benchmark", digits=3),
         Column("loss_local", "Loss, local optimum", digits=3),
-        _percent("increase", "Increase"),
+        percentage("increase", "Increase"),
     )
     if worse.empty:
         text = ("No event has anybody who loses by the local optimum, under no form and no accounting.",)

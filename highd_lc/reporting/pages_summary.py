@@ -19,6 +19,7 @@ from highd_lc.reporting.pages_data import (
     Section,
     funnel_section,
     overview_page,
+    percentage,
     quality_section,
     table_view,
 )
@@ -105,9 +106,9 @@ _DIFFERENCE_COLUMNS: Final = (
     Column("hodges_lehmann", "the same, Hodges-Lehmann", digits=3),
     Column("difference_low", "Mean difference from", digits=3),
     Column("difference_high", "to", digits=3),
-    Column("share_better", "Better", "%", 1, 100.0),
-    Column("share_worse", "Worse", "%", 1, 100.0),
-    Column("share_tied", "Tied", "%", 1, 100.0),
+    percentage("share_better", "Better", 1),
+    percentage("share_worse", "Worse", 1),
+    percentage("share_tied", "Tied", 1),
 )
 
 
@@ -171,12 +172,12 @@ _MAP_COLUMNS: Final = (
     Column("closing_low_mps", "Speed difference from", "m/s", 0),
     Column("closing_high_mps", "to", "m/s", 0),
     Column("n_events", "Events", digits=0),
-    Column("share_events", "Share of events", "%", 1, 100.0),
+    percentage("share_events", "Share of events", 1),
     Column("infeasible", "Infeasible", digits=0),
     Column("contacts", "Contacts", digits=0),
-    Column("gain", "Gain", "%", 2, 100.0),
-    Column("gain_low", "from", "%", 2, 100.0),
-    Column("gain_high", "to", "%", 2, 100.0),
+    percentage("gain", "Gain"),
+    percentage("gain_low", "from"),
+    percentage("gain_high", "to"),
 )
 
 

@@ -15,7 +15,7 @@ from highd_lc.planning import planner
 from highd_lc.planning.planner import PlanningProblem
 from highd_lc.planning.pool import Goal, Pool
 from highd_lc.planning.replay import plan_motion, replay
-from highd_lc.planning.scene import Followers, Motion, Scene, scene_weights
+from highd_lc.planning.scene import Followers, Motion, Scene
 from highd_lc.planning.search import search
 from highd_lc.scenarios.platoon import simulated_scene, steady_motion
 from highd_lc.scenarios.run import DEFAULT, PAPER_LITERAL
@@ -86,11 +86,6 @@ def printed_scene(settings: ScenarioSettings, v_av: float) -> Scene:
         target_leader=steady(ahead, vehicle.lateral_shift_m, float(v[0])),
         origin_leader=steady(state.origin_leader_ahead_m, 0.0, slower),
     )
-
-
-def printed_weights(settings: ScenarioSettings) -> FloatArray:
-    """The followers' weights of equation 17, shape (3,): they do not depend on the AV's speed."""
-    return scene_weights(printed_scene(settings, settings.scenario_3.av_speeds[0]))
 
 
 def _planning(settings: ScenarioSettings) -> ValidateSettings:

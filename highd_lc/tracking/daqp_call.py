@@ -15,7 +15,7 @@ from functools import cache
 from typing import Any
 
 import daqp
-import llvmlite.binding as llvm  # type: ignore[import-untyped]
+import llvmlite.binding as llvm
 import numpy as np
 from numba import njit, types
 from numpy.typing import NDArray

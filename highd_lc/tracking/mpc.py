@@ -19,7 +19,6 @@ min 0.5 z'H z + f'z   subject to   A z <= upper
 """
 
 import math
-import time
 from dataclasses import dataclass
 from typing import Any, Literal, NamedTuple
 
@@ -294,8 +293,7 @@ class Qp:
 class QpSolution:
     """A solver's answer: status (the solver's own word), whether solved, z (n,), multipliers (m,), the residuals
 
-    of the optimality conditions (stationarity, feasibility, complementarity), the rows that bind, and the wall
-    time [s] of set-up and solution.
+    of the optimality conditions (stationarity, feasibility, complementarity), and the rows that bind.
     """
 
     status: str
@@ -306,7 +304,6 @@ class QpSolution:
     feasibility: float
     complementarity: float
     active: tuple[int, ...]
-    solve_time_s: float
 
 
 def solve_qp(qp: Qp, *, solver: Literal["daqp", "osqp"] = "daqp") -> QpSolution:
@@ -317,19 +314,17 @@ def solve_qp(qp: Qp, *, solver: Literal["daqp", "osqp"] = "daqp") -> QpSolution:
     """
     if not all(np.all(np.isfinite(part)) for part in (qp.H, qp.f, qp.A, qp.upper)):
         return _unsolved(qp)
-    started = time.perf_counter()
     status, solved, z, multipliers = (_daqp if solver == "daqp" else _osqp)(qp)
-    elapsed = time.perf_counter() - started
     residuals = kkt_residuals(qp.H, qp.f, qp.A, qp.upper, z, multipliers)
     threshold = _ACTIVE_MULTIPLIER * (1.0 + float(np.max(np.abs(qp.f))))
     active = tuple(int(row) for row in np.flatnonzero(multipliers > threshold))
-    return QpSolution(status, solved, z, multipliers, *residuals, active, elapsed)
+    return QpSolution(status, solved, z, multipliers, *residuals, active)
 
 
 def _unsolved(qp: Qp) -> QpSolution:
     nan = float("nan")
     z, multipliers = np.full(len(qp.f), nan), np.full(len(qp.upper), nan)
-    return QpSolution("not finite", False, z, multipliers, nan, nan, nan, (), 0.0)
+    return QpSolution("not finite", False, z, multipliers, nan, nan, nan, ())
 
 
 def _daqp(qp: Qp) -> tuple[str, bool, FloatArray, FloatArray]:

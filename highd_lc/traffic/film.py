@@ -21,7 +21,6 @@ from highd_lc.vocab.recorder import RecorderSettings
 LEADER, FOLLOWER = 0, 1
 LEFT_LEADER, LEFT_ALONGSIDE, LEFT_FOLLOWER = 2, 3, 4
 RIGHT_LEADER, RIGHT_ALONGSIDE, RIGHT_FOLLOWER = 5, 6, 7
-NEIGHBOURS = 8
 """Columns of ``find_neighbours``."""
 
 

@@ -52,13 +52,6 @@ class Policy:
         return joint if self.minds else 1.0
 
     @property
-    def matrix_form(self) -> str:
-        """The form under which the validation matrix lists it; "" for a reference."""
-        if not self.chooses_start:
-            return self.form
-        return names.START if self.form == names.FIXED else names.FREE_START
-
-    @property
     def counterpart(self) -> str:
         """The policy of the same form that minds nobody, with which one that minds its followers is compared."""
         return self.name.replace(names.LOCAL_OPTIMUM, names.BENCHMARK) if self.minds else ""

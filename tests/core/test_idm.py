@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from highd_lc.core.idm import MOTORWAY, equilibrium_gap, idm_acceleration
+from highd_lc.core.idm import MOTORWAY, idm_acceleration
 
 
 def plain(v: float, gap: float, v_leader: float) -> float:
@@ -29,11 +29,8 @@ def test_desired_speed_on_a_free_road_needs_no_acceleration():
 
 @pytest.mark.parametrize("v", [0.0, 5.0, 20.0, 33.0])
 def test_nobody_accelerates_at_the_equilibrium_gap(v):
-    assert idm_acceleration.py_func(v, equilibrium_gap(v, MOTORWAY), v, MOTORWAY) == pytest.approx(0.0, abs=1e-12)
-
-
-def test_no_equilibrium_from_the_desired_speed_on():
-    assert np.isnan(equilibrium_gap(MOTORWAY.v_desire, MOTORWAY))
+    gap = (MOTORWAY.s0 + v * MOTORWAY.T) / np.sqrt(1.0 - (v / MOTORWAY.v_desire) ** 4)
+    assert idm_acceleration.py_func(v, gap, v, MOTORWAY) == pytest.approx(0.0, abs=1e-12)
 
 
 def test_braking_is_bounded_by_the_road():

@@ -5,6 +5,7 @@ import fcntl
 import os
 import shutil
 import subprocess
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -202,3 +203,16 @@ def test_a_report_clears_away_its_own_files_alone(tmp_path: Path, other: str) ->
     with workspace.owned(tmp_path, **engine._OF_REPORTS):
         assert not any(path.exists() for path in own)
     assert (tmp_path / other).exists()
+
+
+@pytest.mark.parametrize("place", ["/dev/null", "/dev/null/kernels", "/proc/kernels"])
+def test_a_cache_of_kernels_that_cannot_be_written_is_told_before_any_work(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, place: str
+) -> None:
+    monkeypatch.setenv("NUMBA_CACHE_DIR", place)
+    command = [sys.executable, "-c", "from highd_lc.cli import main; main()", "ingest", "--work"]
+    made = subprocess.run([*command, str(tmp_path / "work")], capture_output=True, text=True)
+    assert made.returncode == StorageError.exit_code
+    assert made.stderr.count("\n") == 1
+    assert f"NUMBA_CACHE_DIR={place}" in made.stderr
+    assert not (tmp_path / "work").exists()

@@ -1,3 +1,4 @@
+from collections.abc import Iterable
 from dataclasses import replace
 
 import numpy as np
@@ -5,18 +6,28 @@ import pytest
 from random_scenes import random_scene
 
 from highd_lc.planning import planner
-from highd_lc.planning.surface import LossSurface, loss_surface, surface_points
+from highd_lc.planning.surface import ON_SURFACE, LossSurface, SurfacePoint, loss_surface
 from highd_lc.vocab import names
 from highd_lc.vocab.settings import PlannerSettings, ValidateSettings
 
 SETTINGS = ValidateSettings(planner=PlannerSettings(free_form=False))
 
 
+def points_of(problem: planner.PlanningProblem, plans: Iterable[planner.Plan]) -> tuple[SurfacePoint, ...]:
+    found = []
+    for plan in plans:
+        if plan.policy in ON_SURFACE and plan.replay is not None:
+            av = plan.replay.av
+            T = round(av.n * problem.packed.dt, 10)
+            found.append(SurfacePoint(plan.policy, plan.accounting, T, float(av.x[av.n]) - problem.packed.v0 * T))
+    return tuple(found)
+
+
 @pytest.fixture(scope="module", params=[0, 2, 5])
 def drawn(request) -> tuple[planner.PlanningProblem, list[planner.Plan], LossSurface]:
     problem = planner.pose(random_scene(np.random.default_rng(request.param)), SETTINGS)
     plans = planner.plan_all(problem)
-    return problem, plans, loss_surface(problem, surface_points(problem, plans))
+    return problem, plans, loss_surface(problem, points_of(problem, plans))
 
 
 @pytest.mark.parametrize("accounting", names.ACCOUNTINGS)
@@ -56,7 +67,7 @@ def test_an_infeasible_event_has_a_surface_without_optima(drawn):
     followers = problem.scene.followers
     inside = replace(followers, x=np.array([-1.0, *followers.x[1:]]), y=np.zeros(len(followers.y)))
     blocked = planner.pose(replace(problem.scene, followers=inside), SETTINGS)
-    points = surface_points(blocked, planner.plan_all(blocked))
+    points = points_of(blocked, planner.plan_all(blocked))
     surface = loss_surface(blocked, points)
     assert not any(p.policy in names.FIXED_POLICIES for p in points)
     assert not any(feasible.any() for feasible in surface.feasible.values())

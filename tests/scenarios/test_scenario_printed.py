@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from few_scenarios import few_scenarios
 
-from highd_lc.scenarios.ledger import printed_scene, printed_weights, rows_of_printed_state
+from highd_lc.planning.scene import scene_weights
+from highd_lc.scenarios.ledger import printed_scene, rows_of_printed_state
 from highd_lc.scenarios.tracking import contact_rows
 
 
@@ -19,7 +20,7 @@ def test_the_scene_is_the_printed_state():
 
 
 def test_weights_are_the_printed_ones():
-    assert np.allclose(printed_weights(few_scenarios()), [0.48367, 0.31741, 0.19891], atol=5e-6)
+    assert np.allclose(scene_weights(printed_scene(few_scenarios(), 25.0)), [0.48367, 0.31741, 0.19891], atol=5e-6)
 
 
 def test_every_speed_form_accounting_and_weight_has_a_row():

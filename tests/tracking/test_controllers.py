@@ -32,7 +32,6 @@ def test_a_step_tells_all_of_its_qp():
     assert order.solution.status == "exit flag 1"
     assert order.solution.solved
     assert order.solution.stationarity < 1e-9
-    assert order.solution.solve_time_s > 0.0
     assert "largest fall of speed at +0" in order.active_bounds
     assert order.input[0] == pytest.approx(ROWS[19, 3] - 1.0, abs=1e-3 + order.slack)
     assert 0.0 < order.slack < 1e-3
