@@ -6,7 +6,7 @@ import pandas as pd
 from matplotlib.figure import Figure
 
 from highd_lc.reporting import labels
-from highd_lc.reporting.drawing import INK, LEGEND, LINE, QUIET, label, panels
+from highd_lc.reporting.drawing import INK, LEGEND, QUIET, label, panels
 from highd_lc.vocab import names
 
 _FOLLOWERS: Final = ("#009E73", "#8E6BBF", "#B0578D", "#7F9F3F", "#4FB3A5")
@@ -26,10 +26,10 @@ def plan_figure(motion: pd.DataFrame, *, policy: str, T: float) -> Figure:
         if role == names.EGO:
             across.plot(rows["t"], rows["y"], color=colour, lw=width)
     for one in (across, speeds):
-        one.axvline(T, color=LINE, lw=1.0, zorder=0)
+        one.axvline(T, color=QUIET, lw=0.8, ls="--", zorder=0)
     label(across, title=labels.POLICIES[policy].label, y="y, left positive [m]")
-    label(speeds, x="time after t_start [s]; line: T", y="speed [m/s]")
-    speeds.legend(**LEGEND, ncols=3)
+    label(speeds, x="time after t_start [s]; dashed: end of the lane change", y="speed [m/s]")
+    speeds.legend(**LEGEND, loc="upper left", bbox_to_anchor=(1.0, 1.05))
     return figure
 
 
