@@ -203,8 +203,9 @@ def _by_the_population(
     followers: Followers, event: Event, tables: SceneTables, settings: ValidateSettings
 ) -> Followers:
     """The followers by the stated prior of the population: one recording alone teaches no constants."""
-    found = pd.DataFrame(list(response_rows(tables, settings, Drifts(tables.vehicles), location=0)))
-    drivers = behaviours(PRIOR.constants, responses_of(found[found["event_id"] == event.event_id]), PRIOR.moment)
+    alone = replace(tables, events=tables.events[tables.events["event_id"] == event.event_id])
+    found = pd.DataFrame(list(response_rows(alone, settings, Drifts(tables.vehicles), location=0)))
+    drivers = behaviours(PRIOR.constants, responses_of(found), PRIOR.moment)
     lcm = (drivers.v_desire, drivers.A, drivers.b, drivers.B, drivers.tau, drivers.L)
     return replace(
         followers, parameters=np.stack(lcm, axis=1), L_no_change=float(drivers.L_before[0]), family=names.LCM,

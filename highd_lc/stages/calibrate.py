@@ -82,7 +82,7 @@ def _responses(job: Job, followers: pd.DataFrame) -> pd.DataFrame:
     """What the recording's followers did behind the lane changers."""
     settings = job.settings.validation
     tables = read_scene_tables(job.work, job.recording, settings, fits=followers)
-    about = artefacts.read(job.work, "recordings", recording=job.recording)
+    about = artefacts.read(job.work, "recordings", recording=job.recording, columns=["location_id"])
     location = int(about["location_id"].iloc[0]) if len(about) else 0
     rows = response_rows(tables, settings, Drifts(tables.vehicles), location=location)
     return _frame("responses", list(rows))

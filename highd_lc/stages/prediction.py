@@ -60,10 +60,7 @@ def predict(combination: Combination, followers: pd.DataFrame) -> None:
     """Fit the population, judge every model and write the tables of prediction. followers: the finished table."""
     work, settings = combination.work, combination.settings
     recordings = sorted(combination.recordings)
-    rows, controls = (
-        pd.concat([artefacts.read_part(work, "calibrate", name, r) for r in recordings], ignore_index=True)
-        for name in ("responses", "controls")
-    )
+    rows, controls = (_parts(work, name, recordings) for name in ("responses", "controls"))
     responses = responses_of(rows)
     given = settings.validation.followers.population
     crossfit = CrossFit(responses, given=load_population(Path(given)) if given else None)
@@ -86,6 +83,13 @@ def predict(combination: Combination, followers: pd.DataFrame) -> None:
         table = artefacts.to_arrow(name, frame, combination.provenance)
         artefacts.write_groups(work, name, iter([table]), combination.provenance)
     save_population(work / "population.toml", crossfit.everybody())
+
+
+def _parts(work: Path, name: str, recordings: list[int]) -> pd.DataFrame:
+    """The rows of all recordings, none where there is none."""
+    parts = [artefacts.read_part(work, "calibrate", name, recording) for recording in recordings]
+    columns = list(TABLES[name].column_names)
+    return pd.concat(parts, ignore_index=True) if parts else pd.DataFrame(columns=columns, dtype=object)
 
 
 def _chosen(settings: Settings) -> tuple[str, ...]:

@@ -82,10 +82,10 @@ def test_a_jump_is_credited_from_the_change_of_leader_on_and_fades_linearly(t, r
 
 
 def test_need_asks_for_what_avoids_a_contact_and_only_once_it_is_large():
-    # 10 m/s faster, 20 m of room: 100 / 40 = 2.5 m/s^2.
-    assert drive.in_need(0.3, 20.0, 10.0, 2.0) == pytest.approx(-2.5)
-    assert drive.in_need(0.3, 20.0, 10.0, 3.0) == 0.3
-    assert drive.in_need(-4.0, 20.0, 10.0, 2.0) == -4.0
+    # 10 m/s faster, 21 m of room, one of which is to be left: 100 / 40 = 2.5 m/s^2.
+    assert drive.in_need(0.3, 21.0, 10.0, 2.0) == pytest.approx(-2.5)
+    assert drive.in_need(0.3, 21.0, 10.0, 3.0) == 0.3
+    assert drive.in_need(-4.0, 21.0, 10.0, 2.0) == -4.0
     assert drive.in_need(0.3, -5.0, 1.0, 2.0) == pytest.approx(-5.0)
     assert drive.in_need(0.3, -5.0, -1.0, 0.0) == 0.3
 

@@ -93,7 +93,8 @@ def test_relaxation_credits_the_jump_and_fades() -> None:
     assert slower.any()
     assert (at_once[0] >= at_once[1] - 1e-9)[slower].all()
     short = simulate(family, b._replace(relaxation=np.full(30, 0.01)), responses)
-    np.testing.assert_allclose(short.v, bare.v, atol=0.5)
+    # One sample is credited in full: at most its braking is missing.
+    np.testing.assert_allclose(short.v, bare.v, atol=0.1 * HARDEST + 0.1)
 
 
 def test_without_relaxation_memory_and_drift_the_bare_model_is_left() -> None:

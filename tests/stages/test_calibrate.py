@@ -17,7 +17,9 @@ TABLES_WRITTEN = ("followers", "follower_tracks", "summary_lcm", "identifiabilit
 PROVENANCE = Provenance("settings", {}, 1, "code")
 SETTINGS = Settings(calibrate=CalibrateSettings(population=30, generations=10))
 # Vehicle: length and class. 1 is the ego, 2 the target leader, 3 to 5 the followers, nearest first.
-VEHICLES = {1: (4.2, "Car"), 2: (12.5, "Truck"), 3: (4.6, "Car"), 4: (9.0, "Truck"), 5: (4.4, "Car")}
+VEHICLES = {
+    1: (4.2, "Car"), 2: (12.5, "Truck"), 3: (4.6, "Car"), 4: (9.0, "Truck"), 5: (4.4, "Car"), 9: (4.5, "Car"),
+}  # fmt: skip
 
 
 def motion_rows(event_id, role, vehicle, *, n, x0, window):
@@ -36,8 +38,25 @@ def write(work, name, frame, groups):
     artefacts.write_groups(work, name, parts, PROVENANCE)
 
 
+def blank(table):
+    """A row of a table with nothing in it."""
+    empty = {"bool": True, "string": "", "int64": 1, "float64": 0.0, "float32": 0.0}
+    return {
+        column.name: None if column.nullable else empty.get(column.kind, []) for column in TABLES[table].columns
+    }
+
+
+def track_rows(recording):
+    """Somebody on the road, whom nobody follows."""
+    n = 50
+    about = {"recording_id": recording, "vehicle_id": 9, "length": 4.5, "width": 1.8, "lane": 1}
+    rows = pd.DataFrame({"frame": np.arange(1, n + 1), "t": np.arange(n) / 25.0, "x": 30.0 + np.arange(n)})
+    return rows.assign(
+        **{name: 0.0 for name in ("y", "vx", "vy", "ax", "ay")}, **about, leader_id=None, follower_id=None
+    )
+
+
 def event_row(event_id, followers):
-    blank = {column.name: {"bool": True, "string": ""}.get(column.kind) for column in TABLES["events"].columns}
     filled = {
         "event_id": event_id,
         "recording_id": int(event_id[:2]),
@@ -57,7 +76,7 @@ def event_row(event_id, followers):
         "leader_changes_s": [],
         "later_leader_ids": [],
     }
-    return blank | filled
+    return blank("events") | filled
 
 
 def make_work(tmp_path, windows, *, leader=True):
@@ -66,6 +85,7 @@ def make_work(tmp_path, windows, *, leader=True):
     for recording, sizes in windows.items():
         event_id, followers = f"{recording:02d}-0001-00250", list(range(3, 3 + len(sizes)))
         events.append(event_row(event_id, followers))
+        rows.append(motion_rows(event_id, names.EGO, 1, n=151, x0=0.0, window=0))
         if leader:
             rows.append(motion_rows(event_id, names.TARGET_LEADER, 2, n=151, x0=40.0, window=0))
         for rank, (vehicle, window) in enumerate(zip(followers, sizes, strict=True), start=1):
@@ -75,7 +95,7 @@ def make_work(tmp_path, windows, *, leader=True):
             vehicles.append(
                 {"recording_id": recording, "vehicle_id": vehicle, "driving_direction": 2, "class": kind}
                 | {"length": length, "width": 1.8, "first_frame": 1, "last_frame": 400}
-                | {"recorded_id": vehicle}
+                | {"recorded_id": vehicle, "mean_acceleration": 0.0}
             )
     work = tmp_path / "work"
     work.mkdir(parents=True)
@@ -83,9 +103,13 @@ def make_work(tmp_path, windows, *, leader=True):
         ("events", pd.DataFrame(events)),
         ("event_tracks", pd.concat(rows)),
         ("vehicles", pd.DataFrame(vehicles)),
+        ("recordings", pd.DataFrame([blank("recordings") | {"recording_id": r} for r in sorted(windows)])),
     ):
         ordered = frame.sort_values(list(TABLES[name].order), kind="stable")
         write(work, name, ordered, sorted(windows))
+    for recording in windows:
+        table = artefacts.to_arrow("tracks", track_rows(recording), PROVENANCE)
+        artefacts.write(artefacts.partition(work, "tracks", recording), table)
     return work
 
 
