@@ -1,5 +1,6 @@
 """The stages, and one of them over a run's recordings: what is up to date, what is to be done, what failed."""
 
+import hashlib
 import logging
 import os
 import traceback
@@ -8,6 +9,7 @@ from dataclasses import dataclass
 from functools import cached_property, partial
 from importlib import import_module
 from operator import attrgetter
+from pathlib import Path
 from types import ModuleType
 from typing import Final
 
@@ -46,6 +48,7 @@ class Stage:
     tables: artefacts that are the recordings' parts joined, if that is all of the combination.
     reads_data: it reads the files of the data folder, which may change meanwhile.
     finds_events: from here on it is known which events there are.
+    files: settings that name a file which is read; empty = none.
     pools: a recording's results depend on all recordings (class pools), not only on its own.
     """
 
@@ -55,6 +58,7 @@ class Stage:
     reads_data: bool = False
     finds_events: bool = False
     pools: bool = False
+    files: tuple[str, ...] = ()
 
     @property
     def module_name(self) -> str:
@@ -81,7 +85,13 @@ class Stage:
 
     def depends_on(self, settings: Settings, options: Options, request: ReportRequest | None) -> list[Dependency]:
         """What its work on a recording depends on beside its inputs and the code."""
-        return [attrgetter(name)(settings) for name in self.settings]
+        found = [attrgetter(name)(settings) for name in self.settings]
+        return [repr(value) if isinstance(value, float) else value for value in found] + self._contents(settings)
+
+    def _contents(self, settings: Settings) -> list[Dependency]:
+        """Hashes of the files that its settings name; who reads a missing one says so."""
+        paths = [Path(attrgetter(name)(settings)) for name in self.files if attrgetter(name)(settings)]
+        return [hashlib.sha256(path.read_bytes()).hexdigest() for path in paths if path.is_file()]
 
     def neighbours(self, options: Options) -> list[str]:
         """What only the combination depends on, and no stage of a run makes."""
@@ -141,11 +151,20 @@ class _Pages(Stage):
             self.module.known_events(options.work, options.events)
 
 
-_FITTED_WITH = ("validation.followers", "validation.loss", "validation.statistics")
+_FITTED_WITH = (
+    "validation.followers",
+    "validation.loss",
+    "validation.statistics",
+    "validation.planner.human_smoothing_s",
+    "validation.planner.leader_from",
+    "validation.planner.parameters",
+)
 STAGES: Final = (
     Stage("ingest", ("ingest",), ("vehicles", "recordings"), reads_data=True),
     Stage("extract", ("extract", "ingest"), ("crossings", "events", "event_tracks"), finds_events=True),
-    Stage("calibrate", ("calibrate", *_FITTED_WITH, "seed"), pools=True),
+    Stage(
+        "calibrate", ("calibrate", *_FITTED_WITH, "seed"), pools=True, files=("validation.followers.population",)
+    ),
     Stage("validate", ("validation", "seed")),
     _Pages("report", ("report",)),
 )

@@ -204,7 +204,7 @@ def _by_the_population(
 ) -> Followers:
     """The followers by the stated prior of the population: one recording alone teaches no constants."""
     alone = replace(tables, events=tables.events[tables.events["event_id"] == event.event_id])
-    found = pd.DataFrame(list(response_rows(alone, settings, Drifts(tables.vehicles), location=0)))
+    found = pd.DataFrame(list(response_rows(alone, settings, Drifts(tables.vehicles), location=0, failed=[])))
     drivers = behaviours(PRIOR.constants, responses_of(found), PRIOR.moment)
     lcm = (drivers.v_desire, drivers.A, drivers.b, drivers.B, drivers.tau, drivers.L)
     return replace(

@@ -77,10 +77,14 @@ def _blocks(responses: Responses) -> Iterator[Fold]:
 
 @dataclass
 class CrossFit:
-    """Populations by fold and by the parts left out; fitted when first asked for. given: one for all folds."""
+    """Populations by fold and by the parts left out; fitted when first asked for.
+
+    given: one for all folds, from a file. moment: of models that bring none (``planner.leader_from``).
+    """
 
     responses: Responses
     given: Population | None = None
+    moment: float = models.START
     workers: int = 2
     _folds: list[Fold] = field(init=False)
     _fitted: dict[tuple[str, ...], list[Population]] = field(init=False, default_factory=dict)
@@ -99,7 +103,7 @@ class CrossFit:
     def drives(self, name: str, responses: Responses, fits: models.Fits) -> models.Drives:
         """Family and behaviours of the followers under a model (see ``models.drives``)."""
         if name in models.REGISTRY or models.parse(name).base != names.POPULATION:
-            return models.drives(name, responses, fits, population.PRIOR)
+            return models.drives(name, responses, fits, population.PRIOR, moment=self.moment)
         if self.given is not None:
             return models.drives(name, responses, fits, self.given)
         found: list[tuple[BoolArray, Behaviours]] = []
@@ -118,9 +122,10 @@ class CrossFit:
 
     def fold_words(self, responses: Responses) -> NDArray[np.object_]:
         """What the constants of each response's population come from."""
-        words = np.full(len(responses), "" if self.given is None else self.given.source, dtype=object)
-        for fold in self._folds:
-            words[fold.held] = fold.word
+        given = "" if self.given is None else f"{self.given.source}; given, not cross-fitted"
+        words = np.full(len(responses), given, dtype=object)
+        for fold, fitted in self.populations() if self._folds else ():
+            words[fold.held] = fold.word if fitted.n_responses else fitted.source
         return words
 
 
@@ -130,9 +135,10 @@ def _fit(responses: Responses, fold: Fold, without: tuple[str, ...]) -> Populati
 
 
 def thinned(responses: Responses) -> Responses:
-    """Every k-th response, followers next to the lane changer first kept."""
+    """Every k-th event with all its followers."""
     step = -(-len(responses) // _MOST_RESPONSES)
-    return responses if step <= 1 else responses.take(np.arange(0, len(responses), step))
+    _, place = np.unique(responses.event, return_inverse=True)
+    return responses if step <= 1 else responses.take(place % step == 0)
 
 
 def _joined(found: list[tuple[BoolArray, Behaviours]], count: int) -> Behaviours:

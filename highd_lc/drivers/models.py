@@ -10,6 +10,7 @@ this module;
 import re
 from collections.abc import Callable
 from dataclasses import dataclass
+from importlib import import_module
 from typing import Final
 
 import numpy as np
@@ -57,16 +58,29 @@ class Choice:
 
 def parse(name: str) -> Choice:
     """Take a model's name apart. Raises SettingsError for a name that means nothing."""
+    if _own_model(name) is not None:
+        return Choice(name, None, (), ())
     found = _NAME.fullmatch(name)
-    if found is None or (found["base"] not in _BASES and name not in REGISTRY):
-        allowed = ", ".join((*_BASES, *REGISTRY))
+    if found is None or found["base"] not in _BASES:
+        allowed = ", ".join((*_BASES, *REGISTRY, "module:function"))
         raise SettingsError(f"follower model {name!r}: allowed are {allowed}, with @moment, +memory, +relaxation")
     parts = re.findall(r"([+-])(\w+)", found["parts"])
     moment = {None: None, "start": START, "crossing": CROSSING}.get(found["moment"])
     if moment is None and found["moment"] is not None:
         moment = float(found["moment"])
     added, removed = (tuple(part for sign, part in parts if sign == which) for which in "+-")
-    return Choice(found["base"], moment, added, removed)
+    choice = Choice(found["base"], moment, added, removed)
+    _refuse_senseless(name, choice)
+    return choice
+
+
+def _refuse_senseless(name: str, choice: Choice) -> None:
+    """Raise SettingsError for parts that a base cannot have: they would change nothing under another name."""
+    naive, population = choice.base in names.NAIVE_MODELS, choice.base == names.POPULATION
+    if naive and (choice.added or choice.removed or choice.moment is not None):
+        raise SettingsError(f"follower model {name!r}: nothing happens in {choice.base}, it has no parts")
+    if (population and choice.added) or (not population and choice.removed):
+        raise SettingsError(f"follower model {name!r}: - takes a part from population, + gives one to the others")
 
 
 @dataclass(frozen=True)
@@ -82,41 +96,61 @@ class Fits:
         return Fits(self.parameters[places], self.leader_length[places], self.fitted[places])
 
 
-def drives(name: str, responses: Responses, fits: Fits, population: Population) -> Drives:
-    """Family and behaviours of the followers under a model. population: for the base ``population`` alone."""
-    if name in REGISTRY:
-        return REGISTRY[name](responses)
+def drives(
+    name: str, responses: Responses, fits: Fits, population: Population, *, moment: float = START
+) -> Drives:
+    """Family and behaviours of the followers under a model.
+
+    population: for the base ``population`` alone. moment: of models that bring none of their own
+    (``planner.leader_from``).
+    """
+    if (own := _own_model(name)) is not None:
+        return own(responses)
     choice = parse(name)
     if choice.base in names.NAIVE_MODELS:
         return names.NO_COMMAND, _naive(choice.base, responses)
     if choice.base == names.POPULATION:
-        moment = population.moment if choice.moment is None else choice.moment
-        return names.LCM, population_behaviours(population.constants, responses, moment)
+        since = population.moment if choice.moment is None else choice.moment
+        return names.LCM, population_behaviours(population.constants, responses, since)
     family, behaviours = (names.IDM, _idm(responses)) if choice.base == names.IDM else (names.LCM, None)
     if behaviours is None:
-        behaviours = _lcm(_parameters(choice.base, fits), fits, responses)
-    ones = np.ones(len(responses))
+        behaviours = _lcm(*_parameters(choice.base, fits), responses)
+    ones, remembers = np.ones(len(responses)), "memory" in choice.added
     return family, behaviours._replace(
-        moment=(START if choice.moment is None else choice.moment) * ones,
-        memory=(MEMORY if "memory" in choice.added else 0.0) * ones,
+        moment=(moment if choice.moment is None else choice.moment) * ones,
+        memory=(MEMORY if remembers else 0.0) * ones,
+        a_0=responses.a_0 if remembers else 0.0 * ones,
         relaxation=(RELAXATION if "relaxation" in choice.added else 0.0) * ones,
-        need=(NEED if "memory" in choice.added else np.inf) * ones,
+        need=(NEED if remembers else np.inf) * ones,
     )
 
 
-def _parameters(base: str, fits: Fits) -> FloatArray:
+def _own_model(name: str) -> Model | None:
+    """A researcher's own model: registered, or given as ``module:function``; None if the name is none of these."""
+    if name not in REGISTRY and ":" in name:
+        module, _, function = name.partition(":")
+        try:
+            REGISTRY[name] = getattr(import_module(module), function)
+        except (ImportError, AttributeError) as error:
+            raise SettingsError(f"follower model {name!r}: {error}") from error
+    return REGISTRY.get(name)
+
+
+def _parameters(base: str, fits: Fits) -> tuple[FloatArray, FloatArray]:
+    """LCM of each follower and the length of the leader that its L belongs to, NaN where nobody printed one."""
     if base == names.OWN_FIT:
-        return fits.parameters
-    same = TABLE3_MEANS.as_array()
+        return fits.parameters, fits.leader_length
+    same, behind = TABLE3_MEANS.as_array(), np.nan
     if base == names.MEAN and fits.fitted.any():
         same = fits.parameters[fits.fitted].mean(axis=0)
-    return np.tile(same, (len(fits.parameters), 1))
+        behind = float(np.nanmean(fits.leader_length[fits.fitted]))
+    count = len(fits.parameters)
+    return np.tile(same, (count, 1)), np.full(count, behind)
 
 
-def _lcm(parameters: FloatArray, fits: Fits, responses: Responses) -> Behaviours:
-    """Bare LCM drivers; L moves with the length of the leader."""
+def _lcm(parameters: FloatArray, own: FloatArray, responses: Responses) -> Behaviours:
+    """Bare LCM drivers; L moves with the length of the leader, from that of their own."""
     v_desire, A, b, B, tau, L = parameters.T
-    own = fits.leader_length
     ahead, before = (
         np.array([moved_behind(*one) for one in zip(L, own, lengths, strict=True)])
         for lengths in (responses.ahead_length, responses.before_length)

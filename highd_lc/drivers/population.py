@@ -62,6 +62,8 @@ CONSTANTS: Final = (
 NAMES: Final = tuple(c.name for c in CONSTANTS)
 _LOW, _HIGH = np.array([c.low for c in CONSTANTS]), np.array([c.high for c in CONSTANTS])
 _CENTRE, _SD = np.array([c.centre for c in CONSTANTS]), np.array([c.sd for c in CONSTANTS])
+SPREAD: Final = _SD[[NAMES.index(name) for name in ("v_desire", "A", "b", "B", "tau", "L_0")]]
+"""How much drivers are taken to differ: the prior's standard deviations, in the LCM's order of parameters."""
 NEED: Final = 1.5
 """Required deceleration from which a driver brakes at once, whatever he remembers [m/s^2]."""
 _PRIOR_WEIGHT = 0.25  # the prior counts as a quarter of a response that is off by its standard deviation

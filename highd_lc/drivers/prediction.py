@@ -94,11 +94,14 @@ def _smooth_motion(v: FloatArray, scales: Scales) -> _Smooth:
     """Peak braking [m/s^2], comfort sum and loss of speeds (K, R), smoothed."""
     width = round(SMOOTHING / TIME_STEP) + 1
     padded = np.concatenate([np.zeros((1, v.shape[1])), np.cumsum(v, axis=0)])
-    smooth = (padded[width:] - padded[:-width]) / width if len(v) >= width else v
+    smooth = (padded[width:] - padded[:-width]) / width
+    if len(smooth) < 3:  # too short for a jerk
+        unknown = np.full(v.shape[1], np.nan)
+        return _Smooth(unknown, unknown, unknown)
     a = np.diff(smooth, axis=0) / TIME_STEP
     comfort = np.abs(np.diff(a, axis=0)).sum(axis=0) / TIME_STEP / scales.comfort
     efficiency = np.abs(v - scales.v_ref).sum(axis=0) / scales.efficiency
-    peak = np.maximum(-a.min(axis=0), 0.0) if len(a) else np.full(v.shape[1], np.nan)
+    peak = np.maximum(-a.min(axis=0), 0.0)
     return _Smooth(peak, comfort, 0.5 * comfort + 0.5 * efficiency)
 
 

@@ -79,8 +79,9 @@ def parameter_draws(
     """
     low, high = LOWER_BOUNDS.as_array(), UPPER_BOUNDS.as_array()
     low[-1], high[-1] = REPLAY_L_BOUNDS
-    # Followers beyond the bounds (L of a long leader, a user's own set) keep what they have.
-    low, high = np.minimum(low, parameters), np.maximum(high, parameters)
+    # Followers beyond the bounds (L of a long leader, the population) are drawn about what they have.
+    low = np.where(parameters < low, np.maximum(parameters - 2.0 * spread, 0.1 * parameters), low)
+    high = np.where(parameters > high, parameters + 2.0 * spread, high)
     drawn = parameters + spread * rng.standard_normal((count, *parameters.shape))
     return np.clip(drawn, low, high)
 

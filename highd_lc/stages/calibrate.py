@@ -28,7 +28,7 @@ from highd_lc.stages.responses import Drifts, response_rows
 from highd_lc.stages.scenes import RecordedFollower, read_scene_tables, recorded_followers, track_of, track_row
 from highd_lc.vocab import names
 from highd_lc.vocab.driver import PARAMETERS, TABLE3_MEANS
-from highd_lc.vocab.job import Combination, Job, JobReport
+from highd_lc.vocab.job import Combination, Job, JobReport, Problem
 from highd_lc.vocab.settings import Settings
 from highd_lc.vocab.tables import TABLES
 
@@ -54,7 +54,7 @@ def run(job: Job) -> JobReport:
             about = {name: row[name] for name in ("event_id", "recording_id", "follower")}
             tracks.append(about | track_row(follower.track))
     followers = _frame("followers", fits)
-    responses = _responses(job, followers)
+    responses, failed = _responses(job, followers)
     events = artefacts.read(job.work, "events", recording=job.recording)
     found = control_rows(job.work, job.recording, responses, events, scales(job.settings))
     for name, frame in (
@@ -64,7 +64,7 @@ def run(job: Job) -> JobReport:
         ("controls", _frame("controls", list(found))),
     ):
         artefacts.write_part(job, STAGE, name, frame)
-    return JobReport({"fitted": len(tracks), "not fitted": len(fits) - len(tracks)})
+    return JobReport({"fitted": len(tracks), "not fitted": len(fits) - len(tracks)}, failed)
 
 
 def fit_row(follower: RecordedFollower, settings: Settings) -> tuple[FollowerFit, Row]:
@@ -78,14 +78,15 @@ def fit_row(follower: RecordedFollower, settings: Settings) -> tuple[FollowerFit
     return fit, about | _follower_row(follower, fit, settings) | {"seed": seed}
 
 
-def _responses(job: Job, followers: pd.DataFrame) -> pd.DataFrame:
-    """What the recording's followers did behind the lane changers."""
+def _responses(job: Job, followers: pd.DataFrame) -> tuple[pd.DataFrame, tuple[Problem, ...]]:
+    """What the recording's followers did behind the lane changers; and the events of which none is known."""
     settings = job.settings.validation
     tables = read_scene_tables(job.work, job.recording, settings, fits=followers)
     about = artefacts.read(job.work, "recordings", recording=job.recording, columns=["location_id"])
     location = int(about["location_id"].iloc[0]) if len(about) else 0
-    rows = response_rows(tables, settings, Drifts(tables.vehicles), location=location)
-    return _frame("responses", list(rows))
+    failed: list[str] = []
+    rows = list(response_rows(tables, settings, Drifts(tables.vehicles), location=location, failed=failed))
+    return _frame("responses", rows), tuple(Problem(job.recording, STAGE, text) for text in failed)
 
 
 def _frame(name: str, rows: list[Row]) -> pd.DataFrame:

@@ -21,7 +21,9 @@ def control_rows(
     work: Path, recording: int, responses: pd.DataFrame, events: pd.DataFrame, scales: Scales
 ) -> Iterator[Row]:
     """The rows of ``controls``: for each event and horizon the followers that are like HV_1 before the start."""
-    rate = float(events["frame_rate"].iloc[0]) if len(events) else 1.0
+    if events.empty:
+        return
+    rate = float(events["frame_rate"].iloc[0])
     vehicles = artefacts.read(work, "vehicles", recording=recording).set_index("vehicle_id")
     rows = _rows(work, recording, vehicles)
     first = responses[responses["follower"] == 1].set_index("event_id")

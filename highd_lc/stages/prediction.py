@@ -27,6 +27,7 @@ from highd_lc.drivers.prediction import (
 from highd_lc.drivers.responses import TIME_STEP, Behaviours, Responses, Simulated, simulate
 from highd_lc.io import artefacts
 from highd_lc.io.population_file import load_population, save_population
+from highd_lc.planning.scene import MOMENT_OF
 from highd_lc.scoring.population import cluster_interval
 from highd_lc.stages.responses import responses_of
 from highd_lc.vocab import names
@@ -63,7 +64,8 @@ def predict(combination: Combination, followers: pd.DataFrame) -> None:
     rows, controls = (_parts(work, name, recordings) for name in ("responses", "controls"))
     responses = responses_of(rows)
     given = settings.validation.followers.population
-    crossfit = CrossFit(responses, given=load_population(Path(given)) if given else None)
+    moment = MOMENT_OF[settings.validation.planner.leader_from]
+    crossfit = CrossFit(responses, given=load_population(Path(given)) if given else None, moment=moment)
     judgement = judge_all(
         rows, responses, _fits(rows, followers), crossfit, _chosen(settings),
         hardest=hardest_braking(settings.validation.followers.b_max),
@@ -93,8 +95,13 @@ def _parts(work: Path, name: str, recordings: list[int]) -> pd.DataFrame:
 
 
 def _chosen(settings: Settings) -> tuple[str, ...]:
-    """The models that are judged: those of the setting, and those that plan."""
-    return tuple(dict.fromkeys((*settings.calibrate.models, *settings.validation.follower_models)))
+    """The models that are judged: those of the setting, and those that plan.
+
+    A population from a file cannot be fitted without a part.
+    """
+    wanted = dict.fromkeys((*settings.calibrate.models, *settings.validation.follower_models))
+    given = bool(settings.validation.followers.population)
+    return tuple(name for name in wanted if not (given and models.parse(name).removed))
 
 
 def _fits(rows: pd.DataFrame, followers: pd.DataFrame) -> models.Fits:
@@ -338,7 +345,9 @@ def externality(judgement: Judgement, scales: Scales, controls: pd.DataFrame) ->
             about.assign(source=CONTROL, loss_change=found["loss_change"].to_numpy())[about["n_controls"] > 0]
         )
         for name, simulated in judgement.simulated.items():
-            parts.append(about.assign(source=name, loss_change=loss_change(simulated.v[:last, keep], scales)))
+            met = judge(simulated, r, horizon, scales).contact[keep]
+            change = loss_change(simulated.v[:last, keep], scales)
+            parts.append(about.assign(source=name, loss_change=change)[~met])
     return _table("externality", parts)
 
 

@@ -1,6 +1,6 @@
 """Followers' responses between tables and arrays: scenes to rows of ``responses``, these to arrays."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from typing import Any, Final
 
 import numpy as np
@@ -11,6 +11,7 @@ from highd_lc.drivers.responses import HORIZON, NO_LEADER, SAMPLES, Responses
 from highd_lc.planning.scene import Motion, Scene, pack
 from highd_lc.stages.scenes import SceneTables, of_own_fits, scene_makers
 from highd_lc.vocab import names
+from highd_lc.vocab.errors import told
 from highd_lc.vocab.settings import ValidateSettings
 
 FloatArray = NDArray[np.float64]
@@ -23,12 +24,16 @@ CHANGES_LANE: Final = 1.9
 FOLLOWED: Final = (70.0, 3.0)
 """A leader nearer than this [m] and no more than this faster or slower [m/s] is followed: his time gap counts."""
 _BEFORE = 0.5
+_OTHERS = ("target_leader_id", "origin_leader_id", "origin_follower_id")
 
 
 def response_rows(
-    tables: SceneTables, settings: ValidateSettings, drifts: "Drifts", *, location: int
+    tables: SceneTables, settings: ValidateSettings, drifts: "Drifts", *, location: int, failed: list[str]
 ) -> Iterator[Row]:
-    """The rows of ``responses`` of a recording: every follower of every event while he and his leader are seen."""
+    """The rows of ``responses`` of a recording: every follower of every event while he and his leader are seen.
+
+    failed: gets a line for each event that cannot be made a scene of.
+    """
     own = of_own_fits(settings)
     recorded = own.model_copy(
         update={
@@ -36,28 +41,41 @@ def response_rows(
             "loss": settings.loss.model_copy(update={"horizon_s": HORIZON}),
         }
     )
-    events = tables.events.set_index("event_id")
+    events: dict[str, Any] = {row["event_id"]: row for row in tables.events.to_dict("records")}
     classes = dict(zip(tables.vehicles["vehicle_id"], tables.vehicles["class"], strict=True))
-    for _, make in scene_makers(tables, recorded):
-        scene = make()
-        event: Any = events.loc[scene.event_id]
-        vehicles = [int(event["ego_id"]), *map(int, event["follower_ids"])]
-        drift = drifts.without(int(event["ego_id"]), vehicles)
-        start = float(event["start_frame"] - 1) / float(event["frame_rate"])
-        for rank in range(1, len(vehicles)):
-            track = tables.tracks[scene.event_id, names.target_follower(rank)]
-            yield {
-                "event_id": scene.event_id,
-                "recording_id": int(event["recording_id"]),
-                "follower": rank,
-                "vehicle_id": vehicles[rank],
-                "time": start,
-                "a_0": _acceleration_before(track["t"], track["ax"]),
-                "drift": drift,
-                "class": classes[vehicles[rank]],
-                "location_id": location,
-                **_row(scene, rank, recorded),
-            }
+    for event_id, make in scene_makers(tables, recorded):
+        try:
+            found = list(_event_rows(make(), events[event_id], tables, recorded, drifts))
+        except Exception as error:
+            # One bad event never stops the others: it is told, and validate leaves it out.
+            failed.append(told(event_id, error))
+            continue
+        for row in found:
+            yield {**row, "class": classes[row["vehicle_id"]], "location_id": location}
+
+
+def _event_rows(
+    scene: Scene, event: Row, tables: SceneTables, settings: ValidateSettings, drifts: "Drifts"
+) -> Iterator[Row]:
+    vehicles = [int(event["ego_id"]), *map(int, event["follower_ids"])]
+    involved = [*vehicles, *_known(event[role] for role in _OTHERS)]
+    drift, seen = drifts.without(vehicles[0], involved), SAMPLES
+    for rank in range(1, len(vehicles)):
+        track = tables.tracks[scene.event_id, names.target_follower(rank)]
+        row = _row(scene, rank, settings)
+        # Behind somebody who is out of view nobody is judged.
+        seen = min(seen, row["n"])
+        yield {
+            "event_id": scene.event_id,
+            "recording_id": int(event["recording_id"]),
+            "follower": rank,
+            "vehicle_id": vehicles[rank],
+            "time": float(event["start_frame"] - 1) / float(event["frame_rate"]),
+            "a_0": _acceleration_before(track["t"], track["ax"]),
+            "drift": drift,
+            **row,
+            "n": seen,
+        }
 
 
 def _row(scene: Scene, rank: int, settings: ValidateSettings) -> Row:
@@ -91,6 +109,10 @@ def _row(scene: Scene, rank: int, settings: ValidateSettings) -> Row:
     }
 
 
+def _known(ids: Iterable[Any]) -> list[int]:
+    return [int(one) for one in ids if pd.notna(one)]
+
+
 def _filled(values: FloatArray) -> FloatArray:
     """The first samples; the last value where there are fewer: nothing of that is judged."""
     return np.concatenate([values[:SAMPLES], np.full(max(SAMPLES - len(values), 0), values[-1])])
@@ -104,7 +126,7 @@ def _keeps_lane(motion: Motion) -> int:
 
 def _acceleration_before(t: FloatArray, a: FloatArray) -> float:
     """Mean recorded acceleration of the last half second before t_start, else at t_start."""
-    before = (t < 1e-9) & (t > -_BEFORE - 1e-9)
+    before = (t < -1e-9) & (t > -_BEFORE - 1e-9)
     return float(a[before].mean()) if before.any() else float(a[0])
 
 

@@ -11,6 +11,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from highd_lc.core.lcm import moved_behind
+from highd_lc.drivers.population import SPREAD
 from highd_lc.io import artefacts
 from highd_lc.planning.scene import Followers, Motion
 from highd_lc.vocab import names
@@ -62,7 +63,7 @@ def read_drivers(
         return grouping("followers", _alike(work, followers, model), columns=_FIT_COLUMNS)
     rows = artefacts.read(work, "follower_models", recording=recording)
     rows = rows[rows["model"] == model]
-    if len(rows) < len(followers):
+    if len(rows) == 0 < len(followers):
         have = f"model {model!r}: {len(rows)} of the {len(followers)} followers of recording {recording:02d}"
         raise ArtefactError(f"follower_models: {have}; calibrate with that model, or choose another")
     return grouping("follower_models", rows, columns=_MODEL_COLUMNS)
@@ -85,7 +86,7 @@ def driven(
 ) -> Followers:
     """The followers with a model's drivers: its rows of an event."""
     if model not in _FROM_FITS:
-        return replace(followers, **_behaviour(drivers))
+        return replace(followers, **_behaviour(drivers, of_population=model.startswith(names.POPULATION)))
     L, behind = float(drivers["L"][0]), float(drivers["leader_length_m"][0])
     bare: dict[str, Any] = {name: Followers.__dataclass_fields__[name].default for name in _BEHAVIOUR}
     return replace(
@@ -100,12 +101,12 @@ def driven(
 _BEHAVIOUR: Final = ("family", "memory", "relaxation", "need", "a_0", "drift", "moment")
 
 
-def _behaviour(drivers: Columns) -> dict[str, Any]:
+def _behaviour(drivers: Columns, *, of_population: bool) -> dict[str, Any]:
     """What of the followers a model decides, from an event's rows of ``follower_models``."""
     return {
         "parameters": np.stack([drivers[name] for name in PARAMETERS], axis=1).astype(np.float64),
         "L_no_change": float(drivers["L_before"][0]),
-        "spread": None,
+        "spread": np.tile(SPREAD, (len(drivers["L"]), 1)) if of_population else None,
         "family": str(drivers["family"][0]),
         "memory": drivers["memory_s"].astype(np.float64),
         "relaxation": drivers["relaxation_s"].astype(np.float64),

@@ -26,6 +26,30 @@ def test_names_are_taken_apart() -> None:
     assert models.parse("own_fit").moment is None
 
 
+@pytest.mark.parametrize(
+    "name", ["population+memory", "own_fit-memory", "constant_speed@crossing", "drift+relaxation"]
+)
+def test_parts_that_change_nothing_are_refused(name: str) -> None:
+    with pytest.raises(SettingsError, match="follower model"):
+        models.parse(name)
+
+
+def test_memory_begins_with_the_drivers_own_acceleration() -> None:
+    responses = made(20)
+    family, b = drives_of("own_fit@crossing+memory", responses)
+    found = simulate(family, b._replace(need=np.full(20, np.inf)), responses)
+    np.testing.assert_allclose(found.a[0], responses.a_0)
+
+
+def test_published_means_keep_their_L_behind_any_leader(made_fits: models.Fits) -> None:
+    fits = models.Fits(made_fits.parameters, np.array([4.0, 16.0, 5.0]), made_fits.fitted)
+    responses = made(3)
+    _, table3 = models.drives(names.TABLE3, responses, fits, PRIOR)
+    np.testing.assert_array_equal(table3.L, TABLE3_MEANS.L)
+    _, mean = models.drives(names.MEAN, responses, fits, PRIOR)
+    np.testing.assert_allclose(mean.L, np.clip(5.0 - 10.0 + responses.ahead_length, 2.0, 25.0))
+
+
 @pytest.mark.parametrize("name", ["", "owl_fit", "own_fit@sometime", "own_fit+luck", "own_fit memory"])
 def test_a_name_that_means_nothing_is_refused_with_what_is_allowed(name: str) -> None:
     with pytest.raises(SettingsError, match="population"):
