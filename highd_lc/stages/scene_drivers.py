@@ -63,7 +63,9 @@ def read_drivers(
         return grouping("followers", _alike(work, followers, model), columns=_FIT_COLUMNS)
     rows = artefacts.read(work, "follower_models", recording=recording)
     rows = rows[rows["model"] == model]
-    if len(rows) == 0 < len(followers):
+    # An event that could not be made a scene of has no rows; validate lists it.
+    whole = followers[followers["event_id"].isin(rows["event_id"])]
+    if len(rows) < len(whole) or len(rows) == 0 < len(followers):
         have = f"model {model!r}: {len(rows)} of the {len(followers)} followers of recording {recording:02d}"
         raise ArtefactError(f"follower_models: {have}; calibrate with that model, or choose another")
     return grouping("follower_models", rows, columns=_MODEL_COLUMNS)

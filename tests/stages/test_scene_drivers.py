@@ -5,6 +5,7 @@ import pandas as pd
 import pytest
 from made_tables import EVENT, LENGTH, PLACE, rows, tables
 
+from highd_lc.drivers.population import SPREAD
 from highd_lc.io import artefacts
 from highd_lc.planning.scene import Followers
 from highd_lc.stages.scene_drivers import read_drivers
@@ -56,7 +57,7 @@ def test_a_model_drives_by_its_own_rows(family):
     assert (followers.L_no_change, followers.family) == (7.1, family)
     found = [getattr(followers, name).tolist() for name in BEHAVIOUR]
     assert found == [[6.5], [0.0], [1.5], [0.25], [-0.125], [0.4]]
-    assert followers.spread is None
+    np.testing.assert_array_equal(followers.spread, [SPREAD])
     for name in ("x", "y", "v", "length", "width"):
         np.testing.assert_array_equal(getattr(followers, name), getattr(scene.followers, name))
 
