@@ -143,7 +143,8 @@ def _parameters(base: str, fits: Fits) -> tuple[FloatArray, FloatArray]:
     same, behind = TABLE3_MEANS.as_array(), np.nan
     if base == names.MEAN and fits.fitted.any():
         same = fits.parameters[fits.fitted].mean(axis=0)
-        behind = float(np.nanmean(fits.leader_length[fits.fitted]))
+        known = fits.leader_length[fits.fitted & np.isfinite(fits.leader_length)]
+        behind = float(known.mean()) if len(known) else np.nan
     count = len(fits.parameters)
     return np.tile(same, (count, 1)), np.full(count, behind)
 

@@ -75,3 +75,15 @@ def test_a_model_of_ones_own_is_used_by_its_name(monkeypatch: pytest.MonkeyPatch
     assert models.parse("mine").base == "mine"
     mine = simulate(*drives_of("mine", responses), responses)
     np.testing.assert_array_equal(mine.v, simulate(*drives_of("idm@crossing", responses), responses).v)
+
+
+def test_a_model_of_ones_own_is_found_by_module_and_function() -> None:
+    responses = made(6)
+    assert models.parse("made_models:calm").base == "made_models:calm"
+    family, calm = drives_of("made_models:calm", responses)
+    population = drives_of(names.POPULATION, responses)[1]
+    assert family == names.LCM
+    np.testing.assert_allclose(calm.A, 0.5 * population.A)
+    for wrong in ("made_models:hasty", "nobodys_models:calm"):
+        with pytest.raises(SettingsError, match=wrong):
+            models.parse(wrong)

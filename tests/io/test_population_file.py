@@ -1,0 +1,39 @@
+"""A population as a file: written and read back, and what is wrong with a file is named."""
+
+import re
+
+import numpy as np
+import pytest
+
+from highd_lc.drivers.population import PRIOR, Population
+from highd_lc.io.population_file import load_population, save_population
+from highd_lc.vocab.errors import SettingsError
+
+
+def test_a_population_comes_back_as_it_was(tmp_path):
+    one = Population(PRIOR.constants * 1.01, 0.3, 57, "recordings 01, 02")
+    save_population(tmp_path / "p.toml", one)
+    back = load_population(tmp_path / "p.toml")
+    np.testing.assert_array_equal(back.constants, one.constants)
+    assert (back.moment, back.n_responses, back.source) == (0.3, 57, "recordings 01, 02")
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "named"),
+    [
+        ("tau = ", "tau = -", "constants.tau"),
+        ("memory = ", "remembers = ", "constants.memory"),
+        ("A = ", "A = x", "p.toml"),
+    ],
+)
+def test_a_wrong_file_is_named_with_its_key(tmp_path, old, new, named):
+    path = tmp_path / "p.toml"
+    save_population(path, PRIOR)
+    path.write_text(path.read_text().replace(f"\n{old}", f"\n{new}"))
+    with pytest.raises(SettingsError, match=re.escape(named)):
+        load_population(path)
+
+
+def test_a_missing_file_is_named(tmp_path):
+    with pytest.raises(SettingsError, match=r"nowhere\.toml"):
+        load_population(tmp_path / "nowhere.toml")
