@@ -31,7 +31,7 @@ MOST_FOLDS: Final = 10
 """Most folds over recordings: more of them share one."""
 _LEAST_SAMPLES = 10  # a response that is seen for less than a second teaches nothing
 _LEAST_TRAINING = 200  # responses that have to remain where locations are left out
-_MOST_RESPONSES = 1500  # a fit takes every k-th response, so that it takes at most this many
+_MOST_RESPONSES = 800  # a fit takes every k-th response, so that it takes at most this many
 
 
 @dataclass(frozen=True)
