@@ -63,8 +63,8 @@ synthesize: setup
 
 ## test         the tests
 # A file's tests stay together: they share what is made once for all of them.
-# A run first fills the kernel cache: a kernel compiled in one process and one loaded in another may differ in the last
-# bit, and tests compare artefacts to the byte.
+# A run first fills the kernel cache: a run from nothing once gave other last bits in one table, cause not proved,
+# and tests compare artefacts to the byte.
 test: setup-dev
 	@warm=$$(mktemp -d) && { $(HIGHD_LC) run --pipeline tests/faults/quick.toml --data tests/fixtures \
 	  --work "$$warm/work" --reports "$$warm/reports" >"$$warm/log" 2>&1 || cat "$$warm/log"; rm -rf "$$warm"; }
