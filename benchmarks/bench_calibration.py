@@ -16,8 +16,7 @@ import numpy as np
 
 from highd_lc.core.car_following import TIME_STEP, FitProblem, objectives_of
 from highd_lc.drivers.calibration import fit_follower, pose
-from highd_lc.drivers.genetic import GeneticAlgorithm
-from highd_lc.drivers.genetic_pymoo import PymooGeneticAlgorithm, minimise_with_pymoo
+from highd_lc.drivers.genetic import GeneticAlgorithm, PymooGeneticAlgorithm, minimise_with_pymoo
 from highd_lc.drivers.least_squares import STARTS, Screening, descend, screen
 from highd_lc.vocab.settings import CalibrateSettings
 

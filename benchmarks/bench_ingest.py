@@ -24,7 +24,7 @@ from highd_lc.io.highd_tables import FIELDS
 from highd_lc.io.synthetic import write_recording
 from highd_lc.stages import extract, ingest
 from highd_lc.vocab.job import Job, Provenance
-from highd_lc.vocab.recorder import RecorderSettings
+from highd_lc.vocab.sections import RecorderSettings
 from highd_lc.vocab.settings import Settings
 
 NAMES = [field.name for field in FIELDS if not field.sampled]

@@ -15,8 +15,8 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "made"))
 from made_responses import made
 
 from highd_lc.drivers import population
-from highd_lc.drivers.crossfit import CrossFit
 from highd_lc.drivers.population import PRIOR
+from highd_lc.drivers.prediction import CrossFit
 
 
 def responses(count: int) -> population.Responses:

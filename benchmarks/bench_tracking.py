@@ -15,7 +15,7 @@ from numba import njit, types
 from scipy.optimize import minimize
 from tracking_cases import WHEELBASE, lane_change, nominal_plans
 
-from highd_lc.core.bicycle import bicycle_step
+from highd_lc.core.kinematics import bicycle_step
 from highd_lc.tracking.closed_loop import control, reference_rows, track, track_many
 from highd_lc.tracking.controllers import MpcController
 from highd_lc.tracking.daqp_call import INFINITY

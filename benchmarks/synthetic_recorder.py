@@ -16,7 +16,7 @@ from pyarrow import csv
 
 from highd_lc.io.synthetic import simulate_recording, synthesize, write_table
 from highd_lc.io.synthetic_highd import HAS_DECIMALS, TRACK_COLUMNS
-from highd_lc.vocab.recorder import RecorderSettings
+from highd_lc.vocab.sections import RecorderSettings
 
 RECORDINGS = 4
 HIGHD_ROWS = 39_725_708

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solve_discrete_are
 
-from highd_lc.core.bicycle import error_model
+from highd_lc.core.kinematics import error_model
 from highd_lc.tracking.controllers import Command
 from highd_lc.tracking.mpc import mpc_parameters
 from highd_lc.vocab.tracking import TrackingSettings

@@ -15,9 +15,10 @@ import numpy as np
 from tracking_baselines import LqrController, PurePursuit
 
 from highd_lc.core.quintic import Quintic, sample
+from highd_lc.tracking import multibody
 from highd_lc.tracking.closed_loop import Disturbance, track
 from highd_lc.tracking.controllers import Controller, track_kinematic
-from highd_lc.tracking.multibody import dynamics, track_multibody
+from highd_lc.tracking.multibody import track_multibody
 from highd_lc.tracking.plan_tracking import planned_motion, tracked_motion
 from highd_lc.vocab.tracking import (
     KINEMATIC,
@@ -323,7 +324,7 @@ def baseline_table(
     )
     rows = []
     for plant in plants:
-        wheelbase = WHEELBASE if plant == KINEMATIC else dynamics().WHEELBASE
+        wheelbase = WHEELBASE if plant == KINEMATIC else multibody.WHEELBASE
         controllers: dict[str, Controller | None] = {
             "MPC": None,
             "LQR": LqrController(settings, wheelbase, dt),

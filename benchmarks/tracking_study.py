@@ -27,7 +27,6 @@ from tracking_cases import (
     weight_sweep,
 )
 
-from highd_lc.tracking import multibody
 from highd_lc.tracking.multibody import SERVO, SUBSTEPS, MultiBodyPlant, track_multibody
 from highd_lc.tracking.plan_tracking import loss_av, motion_of, planned_motion, tracked_motion
 from highd_lc.vocab.tracking import KINEMATIC, MULTI_BODY, PLANTS, Reference, TrackingSettings
@@ -241,5 +240,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    multibody.dynamics()
     main()

@@ -3,13 +3,13 @@
 from highd_lc.api.fits import DriverFit as DriverFit
 from highd_lc.api.fits import fit_driver as fit_driver
 from highd_lc.api.fits import fit_drivers as fit_drivers
+from highd_lc.api.fits import simulate_platoon as simulate_platoon
 from highd_lc.api.plans import Loss as Loss
 from highd_lc.api.plans import Plan as Plan
 from highd_lc.api.plans import Tracked as Tracked
 from highd_lc.api.plans import compare as compare
 from highd_lc.api.plans import plan as plan
 from highd_lc.api.plans import track as track
-from highd_lc.api.platoons import simulate_platoon as simulate_platoon
 from highd_lc.api.recordings import Event as Event
 from highd_lc.api.recordings import Follower as Follower
 from highd_lc.api.recordings import Recording as Recording
@@ -39,6 +39,6 @@ from highd_lc.vocab.names import LOCAL_OPTIMUM_FREE_START as LOCAL_OPTIMUM_FREE_
 from highd_lc.vocab.names import LOCAL_OPTIMUM_START as LOCAL_OPTIMUM_START
 from highd_lc.vocab.names import NO_LANE_CHANGE as NO_LANE_CHANGE
 from highd_lc.vocab.names import POLICIES as POLICIES
-from highd_lc.vocab.recorder import RecorderSettings as RecorderSettings
+from highd_lc.vocab.sections import RecorderSettings as RecorderSettings
 
 __version__: str

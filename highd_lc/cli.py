@@ -3,6 +3,7 @@
 Commands import what they run themselves: what one of them does not need would cost it a second of start-up.
 """
 
+import os
 import signal
 import sys
 from collections.abc import Iterator
@@ -12,13 +13,38 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
+from rich.console import Console
 
 from highd_lc.io import settings as settings_file
-from highd_lc.io.streams import PatientConsole, open_closed_streams
 from highd_lc.vocab.compile_cache import require_cache
 from highd_lc.vocab.errors import HighdLcError, InterruptedRunError, StorageError, UsageError
 from highd_lc.vocab.job import Options, Outcome, Problem
 from highd_lc.vocab.settings import Settings
+
+
+def open_closed_streams() -> None:
+    """Give closed standard streams a place: the next file opened would get their number, and their text."""
+    while (descriptor := os.open(os.devnull, os.O_RDWR)) <= 2:
+        os.set_inheritable(descriptor, True)
+    os.close(descriptor)
+    sys.stdout = sys.stdout or open(1, "w", closefd=False)  # noqa: SIM115
+    sys.stderr = sys.stderr or open(2, "w", closefd=False)  # noqa: SIM115
+    for stream in (sys.stdout, sys.stderr):
+        if hasattr(stream, "reconfigure"):  # no test's stand-in has
+            # A name that the encoding lacks, or that is none in any encoding, is shown by its codes.
+            stream.reconfigure(errors="backslashreplace")
+
+
+class PatientConsole(Console):
+    """A console whose reader may leave: the rest of the text is dropped, the work and its exit code are not."""
+
+    def on_broken_pipe(self) -> None:
+        """Write to nowhere from here on."""
+        self.quiet = True
+        nowhere = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(nowhere, self.file.fileno())
+        os.close(nowhere)
+
 
 _HELP = "Calibrate and validate lane-change planning on HighD recordings."
 app = typer.Typer(no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False, help=_HELP)
@@ -227,7 +253,7 @@ def show(
     work: Work = DEFAULT_WORK,
 ) -> None:
     """Print one lane change: its roles, frames and reasons."""
-    from highd_lc.io.event_description import describe_event
+    from highd_lc.stages.extract import describe_event
 
     console.print(describe_event(work, event_id), markup=False, highlight=False, soft_wrap=True)
 

@@ -193,7 +193,7 @@ class Plan:
             >>> len(lc.plan(scene).plot().axes)
             2
         """
-        from highd_lc.reporting.figures_plan import plan_figure  # matplotlib, which plans do without
+        from highd_lc.reporting.figures_space_time import plan_figure  # matplotlib, which plans do without
 
         if self.found.replay is None:
             raise UsageError(f"{self.policy}: the plan is {self.status}, there is no motion to draw")

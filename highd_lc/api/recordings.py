@@ -21,7 +21,7 @@ from highd_lc.stages.scenes import RecordedFollower, recorded_followers
 from highd_lc.vocab import names
 from highd_lc.vocab.errors import StorageError, UsageError
 from highd_lc.vocab.job import Job, JobReport, Provenance
-from highd_lc.vocab.recorder import RecorderSettings
+from highd_lc.vocab.sections import RecorderSettings
 from highd_lc.vocab.settings import Settings, SyntheticSettings
 
 if TYPE_CHECKING:

@@ -21,7 +21,6 @@ from highd_lc.planning.starts import Key, StartProblem, pose_starts
 from highd_lc.stages.responses import Drifts, response_rows, responses_of
 from highd_lc.stages.scenes import (
     TIME_STEP,
-    WHEELBASE_SHARE,
     SceneTables,
     of_own_fits,
     read_scene_tables,
@@ -128,7 +127,7 @@ class Scene:
             lateral_shift=lateral_shift,
             length=ego.length,
             width=ego.width,
-            wheelbase=WHEELBASE_SHARE * ego.length,
+            wheelbase=settings.tracking.wheelbase_ratio * ego.length,
             dt=TIME_STEP,
             horizon=H,
             target_leader=_steady(leader, lateral_shift, H),

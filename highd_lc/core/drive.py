@@ -20,8 +20,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from highd_lc.core.idm import idm_command
-from highd_lc.core.lcm import desired_spacing, lcm_acceleration
+from highd_lc.core.lcm import desired_spacing, idm_command, lcm_acceleration
 
 FloatArray = NDArray[np.float64]
 

@@ -24,8 +24,7 @@ from highd_lc.core.car_following import (
 )
 from highd_lc.core.drive import UNBOUNDED
 from highd_lc.core.kinematics import resample
-from highd_lc.drivers.genetic import GeneticAlgorithm, Optimiser, Optimum
-from highd_lc.drivers.genetic_pymoo import PymooGeneticAlgorithm
+from highd_lc.drivers.genetic import GeneticAlgorithm, Optimiser, Optimum, PymooGeneticAlgorithm
 from highd_lc.drivers.least_squares import STARTS, Screening, descend, screen
 from highd_lc.vocab.driver import LOWER_BOUNDS, PARAMETERS, UPPER_BOUNDS
 from highd_lc.vocab.settings import CalibrateSettings

@@ -1,25 +1,21 @@
 """The paper's genetic algorithm, compiled whole: breeding, evaluation, survival of the best.
 
-Real-coded and elitist (equations.md 9); its reference is the GA of pymoo (``drivers.genetic_pymoo``).
-
-What every optimiser of a fit takes and returns.
-
-How the paper's genetic algorithm breeds, compiled: tournaments, crossover, mutation.
-
-Binary tournaments over random permutations, simulated binary crossover (SBX, Deb and Agrawal 1995, bounded) and
-polynomial mutation (Deb and Goyal 1996): the operators of pymoo's GA, which they are tested against. Children that
-are copies of a parent are bred again.
+Real-coded and elitist (equations.md 9): binary tournaments over random permutations, simulated binary crossover
+(SBX, Deb and Agrawal 1995, bounded) and polynomial mutation (Deb and Goyal 1996). Children that are copies of a
+parent are bred again. Its reference, which it is tested against, is the GA of the library pymoo with the same
+operators (``PymooGeneticAlgorithm``).
 """
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Final, Protocol
+from typing import Any, Final, Protocol
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from highd_lc.core.car_following import FitProblem, evaluate_population, new_scratch
+from highd_lc.core.car_following import FitProblem, evaluate_population, new_scratch, objectives_of
 from highd_lc.core.kernels import fill_uniform, new_stream, next_uniform
 
 FloatArray = NDArray[np.float64]
@@ -305,3 +301,64 @@ class GeneticAlgorithm:
         best = int(np.argmin(objectives))
         evaluations = self.population * self.generations
         return Optimum(parents[:, best].copy(), float(objectives[best]), evaluations)
+
+
+Objective = Callable[[FitProblem, FloatArray], FloatArray]
+
+
+@dataclass(frozen=True)
+class PymooGeneticAlgorithm:
+    """pymoo's real-coded elitist GA (equations.md 9). Probabilities: crossover a pair, mutation a variable."""
+
+    population: int = 200
+    generations: int = 200
+    crossover_probability: float = 0.95
+    mutation_probability: float = 0.05
+
+    def minimise(self, problem: FitProblem, rng: np.random.Generator) -> Optimum:
+        """The best of all generations; the objective is compiled and evaluated a population at a time."""
+        return minimise_with_pymoo(problem, self, rng, lambda p, x: objectives_of(p, x.T))
+
+    def algorithm(self) -> Any:
+        """pymoo's GA with the operators of this module."""
+        from pymoo.algorithms.soo.nonconvex.ga import GA
+        from pymoo.operators.crossover.sbx import SBX
+        from pymoo.operators.mutation.pm import PM
+
+        return GA(
+            pop_size=self.population,
+            crossover=SBX(prob=self.crossover_probability, eta=ETA_CROSSOVER),
+            # prob is the share of individuals that are touched at all; the paper's 0.05 is a variable's.
+            mutation=PM(prob=1.0, prob_var=self.mutation_probability, eta=ETA_MUTATION),
+        )
+
+
+def minimise_with_pymoo(
+    problem: FitProblem, settings: PymooGeneticAlgorithm, rng: np.random.Generator, objective: Objective
+) -> Optimum:
+    """Run pymoo's GA on an objective of candidates (n, 6)."""
+    # pymoo takes half a second to import: only those who use it pay.
+    from pymoo.optimize import minimize
+
+    result = minimize(
+        _pymoo_problem(problem, objective),
+        settings.algorithm(),
+        ("n_gen", settings.generations),
+        seed=int(rng.integers(2**31)),
+        copy_algorithm=False,
+    )
+    evaluations = int(result.algorithm.evaluator.n_eval)
+    return Optimum(np.asarray(result.X, dtype=float), float(result.F[0]), evaluations)
+
+
+def _pymoo_problem(problem: FitProblem, objective: Objective) -> Any:
+    from pymoo.core.problem import Problem
+
+    class CarFollowingFit(Problem):  # type: ignore[misc]  # pymoo has no types
+        def __init__(self) -> None:
+            super().__init__(n_var=6, n_obj=1, xl=problem.lower, xu=problem.upper)
+
+        def _evaluate(self, x: FloatArray, out: dict[str, FloatArray], *_: Any, **__: Any) -> None:
+            out["F"] = objective(problem, x)[:, None]
+
+    return CarFollowingFit()

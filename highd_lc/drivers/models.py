@@ -16,8 +16,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from highd_lc.core.idm import MOTORWAY
-from highd_lc.core.lcm import moved_behind
+from highd_lc.core.lcm import MOTORWAY, moved_behind
 from highd_lc.drivers.population import NEED, Population
 from highd_lc.drivers.population import behaviours as population_behaviours
 from highd_lc.drivers.responses import Behaviours, Responses

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from highd_lc.core.quintic import Quintic
 from highd_lc.planning import limits
 from highd_lc.planning.candidates import LossTerms, loss_terms
-from highd_lc.planning.lane import first_contact
+from highd_lc.planning.limits import first_contact
 from highd_lc.planning.pool import Goal, Pool, Task
 from highd_lc.planning.replay import (
     AvMotion,
@@ -219,7 +219,7 @@ def reference_plans(problem: PlanningProblem, policy: str) -> list[Plan]:
 
 
 def contact_of(problem: PlanningProblem, policy: str, played: Replay, accounting: str) -> str:
-    """Who drives through whom in a policy's replay over the accounted time (``lane.first_contact``), or ""."""
+    """Who drives through whom in a policy's replay over the accounted time (``first_contact``), or ""."""
     _, last = ACCOUNTINGS[accounting].charged(played.av.n, len(played.av.x) - 1)
     joins = policy != names.NO_LANE_CHANGE
     origin = problem.scene.origin_leader

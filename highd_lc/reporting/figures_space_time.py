@@ -1,4 +1,4 @@
-"""Figures over space and time: speed maps, trajectories in a rectangle, growth along a platoon."""
+"""Figures over space and time: speed maps, trajectories in a rectangle, growth along a platoon, a plan."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -170,3 +170,36 @@ def growth_figure(stability: pd.DataFrame, growth: pd.DataFrame) -> Figure:
 def _growth_title(scenario: str) -> str:
     speed = "25" if scenario == "1" else scenario.removeprefix("2_")
     return f"AV at {speed} m/s before a platoon at 25 m/s"
+
+
+_FOLLOWERS: Final = ("#009E73", "#8E6BBF", "#B0578D", "#7F9F3F", "#4FB3A5")
+
+
+def plan_figure(motion: pd.DataFrame, *, policy: str, T: float) -> Figure:
+    """The ego's lateral position and the speeds of all vehicles over time.
+
+    motion: role, t [s], y [m], v [m/s], a row a role and sample; T: end of the lane change [s].
+    """
+    figure, axes = panels(7.2, 4.6, rows=2, sharex=True)
+    across, speeds = axes[:, 0]
+    for role, rows in motion.groupby("role", sort=False):
+        colour, width = _look(str(role), policy)
+        style = ":" if role == names.ORIGIN_FOLLOWER else "-"
+        speeds.plot(rows["t"], rows["v"], style, color=colour, lw=width, label=labels.role(str(role)))
+        if role == names.EGO:
+            across.plot(rows["t"], rows["y"], color=colour, lw=width)
+    for one in (across, speeds):
+        one.axvline(T, color=QUIET, lw=0.8, ls="--", zorder=0)
+    label(across, title=labels.POLICIES[policy].label, y="y, left positive [m]")
+    label(speeds, x="time after t_start [s]; dashed: end of the lane change", y="speed [m/s]")
+    speeds.legend(**LEGEND, loc="upper left", bbox_to_anchor=(1.0, 1.05))
+    return figure
+
+
+def _look(role: str, policy: str) -> tuple[str, float]:
+    """Colour and width of a role's line."""
+    if role == names.EGO:
+        return labels.POLICIES[policy].light, 2.0
+    if role.startswith(names.TARGET_FOLLOWER):
+        return _FOLLOWERS[(int(role.rsplit("_", 1)[1]) - 1) % len(_FOLLOWERS)], 1.4
+    return (INK if role == names.TARGET_LEADER else QUIET), 1.0

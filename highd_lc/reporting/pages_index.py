@@ -1,17 +1,37 @@
-"""The index of all events: a table that a reader searches, sorts and filters in the browser."""
+"""The two pages to begin with: the index of all events and the summary.
+
+The index is a table that a reader searches, sorts and filters in the browser. The summary shows the population's
+results on one screen, with links to everything behind them.
+"""
 
 import base64
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from typing import Any, Final
 
 import numpy as np
 import pandas as pd
+from markupsafe import Markup
+from numpy.typing import NDArray
 
+from highd_lc.reporting import figures_population as figures
 from highd_lc.reporting import html, labels
 from highd_lc.reporting.event import PAIRS
 from highd_lc.reporting.figures_population import ALL
-from highd_lc.reporting.pages_data import Section
+from highd_lc.reporting.figures_studies import gain_map_figure
+from highd_lc.reporting.pages_calibration import table3_section
+from highd_lc.reporting.pages_data import (
+    Column,
+    Section,
+    funnel_section,
+    overview_page,
+    percentage,
+    quality_section,
+    table_view,
+)
+from highd_lc.reporting.pages_population import matrix_section, with_labels
+from highd_lc.reporting.pages_studies import pareto_section
+from highd_lc.reporting.run_words import Said
 from highd_lc.vocab import names
 
 _ACCOUNTINGS: Final = (names.EQUAL, names.FOLLOWER_HORIZON, names.PAPER)
@@ -181,3 +201,175 @@ def _spark(page: Any) -> list[str] | None:
 def _bytes(differences: Any) -> str:
     levels = np.clip(np.rint(differences / _SPARK_STEP), -128, 127).astype(np.int8)
     return base64.b64encode(levels.tobytes()).decode("ascii")
+
+
+FloatArray = NDArray[np.float64]
+_EXTREMES: Final = 10
+_NOTHING: Final = 1e-9
+
+
+@dataclass(frozen=True)
+class SummaryTables:
+    """Artefacts of a whole run that the summary shows."""
+
+    events: pd.DataFrame
+    crossings: pd.DataFrame
+    losses: pd.DataFrame
+    matrix: pd.DataFrame
+    summary_losses: pd.DataFrame
+    summary_lcm: pd.DataFrame
+    recordings: pd.DataFrame
+    gain_map: pd.DataFrame
+    pareto: pd.DataFrame
+    pareto_summary: pd.DataFrame
+    pages: pd.DataFrame
+
+
+def summary_page(tables: SummaryTables, says: Sequence[Said] = (), first: Sequence[Section] = ()) -> str:
+    """The results of a run on one page.
+
+    says: the same in words, see ``run_words``; first: what stands in front.
+    """
+    lead = (
+        f"{len(tables.events)} lane changes of {tables.events['recording_id'].nunique()} recordings.",
+        Markup(
+            'More: <a href="index.html">all events</a>, <a href="matrix.html">the matrix by stratum</a>, '
+            '<a href="studies.html">robustness</a>, <a href="calibration.html">calibration</a>, '
+            '<a href="data.html">data</a>, <a href="excluded.html">excluded lane-id changes</a>.'
+        ),
+    )
+    words = [Section("What this run says", points=tuple(says), anchor="says")] if says else []
+    return overview_page("summary.html", "Summary", [*first, *words, *_sections(tables)], lead)
+
+
+def _sections(tables: SummaryTables) -> Iterator[Section]:
+    if len(tables.losses):
+        yield replace(matrix_section(with_labels(tables.matrix)), title="Local optimum against benchmark")
+        yield _losses_section(tables)
+        yield _distribution_section(tables)
+        yield _map_section(tables)
+        yield _extremes_section(tables)
+    if len(tables.events):
+        yield table3_section(tables.summary_lcm)
+    if len(tables.losses):
+        yield pareto_section(tables.pareto, tables.pareto_summary)
+    yield funnel_section(tables.crossings)
+    yield quality_section(tables.recordings)
+
+
+def totals(
+    losses: pd.DataFrame, events: pd.DataFrame, form: str, accounting: str
+) -> tuple[FloatArray, FloatArray]:
+    """Total losses of the local optimum and of the benchmark in the order of the events, NaN where undefined."""
+    rows = losses[losses["accounting"] == accounting]
+    local, benchmark = (
+        rows[rows["policy"] == policy].set_index("event_id")["loss_total"].reindex(events["event_id"])
+        for policy in PAIRS[form]
+    )
+    return local.to_numpy(float), benchmark.to_numpy(float)
+
+
+_DIFFERENCE_COLUMNS: Final = (
+    Column("policy_label", "Policy"),
+    Column("against_label", "Against"),
+    Column("quantity_label", "Quantity"),
+    Column("n", "Events", digits=0),
+    Column("mean", "Mean", digits=2),
+    Column("mean_against", "Mean of the other", digits=2),
+    Column("ratio_of_sums", "Ratio of sums", digits=4),
+    Column("median_difference", "Median difference", digits=3),
+    Column("hodges_lehmann", "the same, Hodges-Lehmann", digits=3),
+    Column("difference_low", "Mean difference from", digits=3),
+    Column("difference_high", "to", digits=3),
+    percentage("share_better", "Better", 1),
+    percentage("share_worse", "Worse", 1),
+    percentage("share_tied", "Tied", 1),
+)
+
+
+def _losses_section(tables: SummaryTables) -> Section:
+    rows = tables.summary_losses
+    primary = rows[rows["accounting"] == names.PRIMARY_ACCOUNTING].assign(
+        policy_label=lambda t: t["policy"].map(labels.short_policy),
+        against_label=lambda t: t["against"].map(labels.short_policy),
+        quantity_label=lambda t: t["quantity"].map(labels.QUANTITIES),
+    )
+    figure = html.inline_svg(
+        figures.loss_bars(tables.losses),
+        "Mean loss of AV and followers by policy, under each accounting; numbers in the table.",
+    )
+    caption = "Paired differences under the accounting “equal”; intervals are bootstraps over recordings."
+    # Of nothing no share can be taken: sums that are 0 but for rounding have no ratio.
+    nothing = primary["mean_against"].abs() < _NOTHING
+    primary = primary.assign(
+        quantity_label=primary["quantity_label"].fillna(primary["quantity"]),
+        ratio_of_sums=primary["ratio_of_sums"].mask(nothing),
+    )
+    main = primary["quantity"].isin(("loss_total", "loss_av", "loss_hv"))
+    return Section(
+        "Losses by policy",
+        figure=figure,
+        tables=(table_view(primary[main], _DIFFERENCE_COLUMNS, caption),),
+        folded=(table_view(primary[~main], _DIFFERENCE_COLUMNS, "Comfort, efficiency and safety"),),
+    )
+
+
+def _distribution_section(tables: SummaryTables) -> Section:
+    gains = {}
+    for form in PAIRS:
+        local, benchmark = totals(tables.losses, tables.events, form, names.PRIMARY_ACCOUNTING)
+        if np.isfinite(local).any():
+            gains[form] = 1.0 - local / benchmark
+    words = "; ".join(f"{labels.FORMS[f]}: median {html.percent(np.nanmedian(g))}" for f, g in gains.items())
+    figure = html.inline_svg(figures.gain_distribution(gains), f"Distribution of the gain over events. {words}")
+    return Section("Distribution of the gain", (f"Accounting “equal”. {words}.",), figure)
+
+
+def _map_section(tables: SummaryTables) -> Section:
+    tiles = tables.gain_map
+    tiles = tiles[(tiles["form"] == names.FIXED) & (tiles["accounting"] == names.PRIMARY_ACCOUNTING)]
+    spacing, difference = (tables.pages[c].to_numpy(float) for c in ("hv1_spacing_m", "hv1_speed_difference_mps"))
+    figure = gain_map_figure(tiles, spacing, difference)
+    return Section(
+        "Where local optimality pays",
+        figure=html.inline_svg(
+            figure, "Gain over spacing and speed difference of the first follower at the start."
+        ),
+        caption="Every dot is an event; a tile's colour is the gain over its events. Fixed end speed, “equal”.",
+        folded=(table_view(tiles, _MAP_COLUMNS, "All tiles"),),
+        anchor="gain-map",
+    )
+
+
+_MAP_COLUMNS: Final = (
+    Column("spacing_low_m", "Spacing from", "m", 0),
+    Column("spacing_high_m", "to", "m", 0),
+    Column("closing_low_mps", "Speed difference from", "m/s", 0),
+    Column("closing_high_mps", "to", "m/s", 0),
+    Column("n_events", "Events", digits=0),
+    percentage("share_events", "Share of events", 1),
+    Column("infeasible", "Infeasible", digits=0),
+    Column("contacts", "Contacts", digits=0),
+    percentage("gain", "Gain"),
+    percentage("gain_low", "from"),
+    percentage("gain_high", "to"),
+)
+
+
+def _extremes_section(tables: SummaryTables) -> Section:
+    local, benchmark = totals(tables.losses, tables.events, names.FIXED, names.PRIMARY_ACCOUNTING)
+    frame = tables.events[["event_id", "ego_class", "direction"]].assign(
+        benchmark=benchmark, local=local, gain=100.0 * (1.0 - local / benchmark)
+    )
+    ranked = frame.dropna(subset="gain").sort_values(["gain", "event_id"], ascending=[False, True])
+    columns = (
+        Column("event_id", "Event", link="events/{}.html"),
+        Column("ego_class", "Class"),
+        Column("direction", "Direction"),
+        Column("benchmark", "Benchmark", digits=2),
+        Column("local", "Local optimum", digits=2),
+        Column("gain", "Gain", "%", 2),
+    )
+    best = table_view(ranked.head(_EXTREMES), columns, "Largest gains")
+    worst = table_view(ranked.iloc[::-1].head(_EXTREMES), columns, "Smallest gains")
+    return Section("Best and worst events", ("Fixed end speed, accounting “equal”.",), tables=(best, worst))

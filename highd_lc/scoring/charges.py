@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from highd_lc.core.losses import command_jerk, cumulative_comfort, cumulative_efficiency
 from highd_lc.planning.candidates import LossTerms
-from highd_lc.planning.lane import Pair
+from highd_lc.planning.limits import Pair
 from highd_lc.planning.replay import Replay
 from highd_lc.planning.scene import Motion
 from highd_lc.vocab.policy import ACCOUNTINGS

@@ -25,8 +25,8 @@ from highd_lc.core.drive import (
     jump,
     remembered,
 )
-from highd_lc.core.idm import MOTORWAY
 from highd_lc.core.kernels import UNALIASED
+from highd_lc.core.lcm import MOTORWAY
 from highd_lc.core.losses import cumulative_comfort, cumulative_efficiency
 from highd_lc.planning.candidates import LossTerms
 from highd_lc.planning.contacts import NO_CONTACT

@@ -21,12 +21,12 @@ from highd_lc.core.quintic import Quintic
 from highd_lc.drivers.calibration import RecordedMotion, following_track
 from highd_lc.io import artefacts
 from highd_lc.planning import planner
+from highd_lc.planning.pareto import ON_SURFACE, SurfacePoint, loss_surface
 from highd_lc.planning.planner import FORM_OF, PlanningProblem
 from highd_lc.planning.replay import AvMotion, box_centre, drive_on, follow, human_motion, joins, plan_motion
 from highd_lc.planning.scene import Motion, PackedScene, Scene, leaders_of
 from highd_lc.planning.start_planner import FORM_OF_START, key_of, replay_start
 from highd_lc.planning.starts import Key, StartProblem, pose_starts
-from highd_lc.planning.surface import ON_SURFACE, SurfacePoint, loss_surface
 from highd_lc.reporting import labels
 from highd_lc.reporting.event import (
     Box,

@@ -1,4 +1,7 @@
-"""The finished artefacts of a whole run to the pages that show it as a whole."""
+"""The finished artefacts of a whole run to the pages that show it as a whole.
+
+Report and scenarios in one folder: which of them is there, and the links between finished pages.
+"""
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
@@ -13,22 +16,23 @@ from numpy.typing import NDArray
 from highd_lc.core.car_following import TIME_STEP, simulate
 from highd_lc.core.drive import hardest_braking
 from highd_lc.io import artefacts
-from highd_lc.reporting import html
+from highd_lc.io.atomic import whole_file
+from highd_lc.reporting import html, pages_scenarios
 from highd_lc.reporting.event import FitTrace
 from highd_lc.reporting.follower_words import effects_of, followers_say
+from highd_lc.reporting.html import TO_REPORT, TO_SCENARIOS, Crosslink
 from highd_lc.reporting.pages_calibration import CalibrationTables, calibration_page
 from highd_lc.reporting.pages_data import Section, data_page, empty_page, excluded_page
-from highd_lc.reporting.pages_index import IndexTables, index_page
+from highd_lc.reporting.pages_index import IndexTables, SummaryTables, index_page, summary_page
 from highd_lc.reporting.pages_population import StartTables, dictionary_page, matrix_page, start_page
 from highd_lc.reporting.pages_prediction import PAGE as PREDICTION_PAGE
 from highd_lc.reporting.pages_prediction import PredictionTables, believed_section, prediction_page
 from highd_lc.reporting.pages_studies import StudyTables, studies_page
-from highd_lc.reporting.pages_summary import SummaryTables, summary_page
 from highd_lc.reporting.run_words import RunTables, nothing_said, run_in_short, run_says
 from highd_lc.stages.scenes import track_of
 from highd_lc.vocab import names
 from highd_lc.vocab.driver import PARAMETERS
-from highd_lc.vocab.studies import StatisticsSettings
+from highd_lc.vocab.sections import StatisticsSettings
 from highd_lc.vocab.tables import TABLES
 
 FloatArray = NDArray[np.float64]
@@ -233,3 +237,32 @@ def _trace(overview: Overview, fit: pd.Series) -> FitTrace:
 def _safe(values: FloatArray, raw: bool) -> FloatArray:
     # A figure on a page is vectors: what it draws can be read back.
     return values if raw else _SAFE_STEP_M * np.rint(values / _SAFE_STEP_M)
+
+
+_SCENARIOS: Final = "scenarios"
+
+
+def has_scenarios(reports: Path) -> bool:
+    """Whether the scenarios' pages lie where the report's link leads."""
+    return (reports / TO_SCENARIOS.href).is_file()
+
+
+def link_to_scenarios(scenarios: Path) -> None:
+    """Let the report above the scenarios' folder lead to them, if there is one and its link does."""
+    if scenarios.resolve().name == _SCENARIOS:
+        _open(scenarios.resolve().parent, html.PAGES, TO_SCENARIOS)
+
+
+def link_to_report(reports: Path) -> None:
+    """Let the scenarios' pages below a report's folder lead to it, if there are any."""
+    _open(reports / _SCENARIOS, pages_scenarios.PAGES, TO_REPORT)
+
+
+def _open(folder: Path, pages: tuple[tuple[str, str], ...], crosslink: Crosslink) -> None:
+    # Not by io.atomic: its ledger would make the pages of the one command results of the other.
+    for path in (folder / name for name, _ in pages):
+        before = path.read_bytes() if path.is_file() else b""
+        after = crosslink.opened(before)
+        if after != before:
+            with whole_file(path) as sink:
+                sink.write(after)

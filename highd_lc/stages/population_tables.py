@@ -13,13 +13,12 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from highd_lc.drivers.identifiability import Identifiability, verdict
-from highd_lc.drivers.pooling import PoolingStudy
+from highd_lc.drivers.identifiability import Identifiability, PoolingStudy, verdict
 from highd_lc.scoring.population import Bootstrap, ratio_interval, shares
 from highd_lc.stages.statistics import PAIR_OF_FORM, PAIR_OF_START_FORM, PolicyLosses
 from highd_lc.vocab import names
 from highd_lc.vocab.driver import PARAMETERS, TABLE3_MEANS, TABLE3_QUANTILES
-from highd_lc.vocab.studies import StatisticsSettings
+from highd_lc.vocab.sections import StatisticsSettings
 from highd_lc.vocab.tables import TABLES
 from highd_lc.vocab.tables.studies import SECOND_OPINIONS, TOGETHER
 

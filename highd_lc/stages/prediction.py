@@ -10,13 +10,13 @@ from numpy.typing import NDArray
 
 from highd_lc.core.drive import hardest_braking
 from highd_lc.drivers import models
-from highd_lc.drivers.controls import COVARIATES
-from highd_lc.drivers.crossfit import CrossFit
 from highd_lc.drivers.prediction import (
     CLOSINGS,
+    COVARIATES,
     EXTERNALITY_HORIZONS,
     HORIZONS,
     SPACINGS,
+    CrossFit,
     Judged,
     Scales,
     class_labels,
@@ -26,10 +26,9 @@ from highd_lc.drivers.prediction import (
 )
 from highd_lc.drivers.responses import TIME_STEP, Behaviours, Responses, Simulated, simulate
 from highd_lc.io import artefacts
-from highd_lc.io.population_file import load_population, save_population
 from highd_lc.planning.scene import MOMENT_OF
 from highd_lc.scoring.population import cluster_interval
-from highd_lc.stages.responses import responses_of
+from highd_lc.stages.responses import load_population, responses_of, save_population
 from highd_lc.vocab import names
 from highd_lc.vocab.driver import PARAMETERS
 from highd_lc.vocab.job import Combination

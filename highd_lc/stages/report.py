@@ -21,9 +21,15 @@ from highd_lc.reporting.figures_event import VECTOR_FORMATS, EventPainter, event
 from highd_lc.reporting.html import TO_SCENARIOS
 from highd_lc.reporting.pages_event import Links, event_page, failed_page
 from highd_lc.reporting.pages_index import SPARK_SECONDS
-from highd_lc.stages.crosslinks import has_scenarios, link_to_report
 from highd_lc.stages.event_report import event_report, read_tables
-from highd_lc.stages.overview_pages import OVERVIEW_PAGES, Overview, missing_pages, page_of
+from highd_lc.stages.overview_pages import (
+    OVERVIEW_PAGES,
+    Overview,
+    has_scenarios,
+    link_to_report,
+    missing_pages,
+    page_of,
+)
 from highd_lc.stages.scenes import scene_makers
 from highd_lc.vocab import names
 from highd_lc.vocab.errors import StorageError, UsageError, told

@@ -1,17 +1,24 @@
-"""Followers' responses between tables and arrays: scenes to rows of ``responses``, these to arrays."""
+"""Followers' responses between tables and arrays: scenes to rows of ``responses``, these to arrays.
 
+The population that is fitted to them as a TOML file: exported by a run, to be cited and used on other data.
+"""
+
+import tomllib
 from collections.abc import Iterable, Iterator
+from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from highd_lc.drivers.population import CONSTANTS, NAMES, Population
 from highd_lc.drivers.responses import HORIZON, NO_LEADER, SAMPLES, Responses
+from highd_lc.io import atomic
 from highd_lc.planning.scene import Motion, Scene, pack
 from highd_lc.stages.scenes import SceneTables, of_own_fits, scene_makers
 from highd_lc.vocab import names
-from highd_lc.vocab.errors import told
+from highd_lc.vocab.errors import SettingsError, told
 from highd_lc.vocab.settings import ValidateSettings
 
 FloatArray = NDArray[np.float64]
@@ -166,3 +173,35 @@ def responses_of(rows: pd.DataFrame) -> Responses:
         recording=rows["recording_id"].to_numpy(np.int64),
         location=rows["location_id"].to_numpy(np.int64),
     )
+
+
+def save_population(path: Path, population: Population) -> None:
+    """Write a population: its constants with unit and meaning, moment, number of responses, and source."""
+    lines = [
+        "# A population of followers: constants of the LCM with memory and relaxation (equations.md 3).",
+        f'source = "{population.source}"  # what its responses come from',
+        f"n_responses = {population.n_responses}",
+        f"moment = {population.moment!r}  # share of the lateral way from which the lane changer is the leader",
+        "[constants]",
+    ]
+    for constant, value in zip(CONSTANTS, population.constants.tolist(), strict=True):
+        unit = f" [{constant.unit}]" if constant.unit else ""
+        lines.append(f"{constant.name} = {value!r}  # {constant.meaning}{unit}")
+    atomic.write_text(path, "\n".join(lines) + "\n")
+
+
+def load_population(path: Path) -> Population:
+    """Read a population. Raises SettingsError naming the file and the key that is missing or out of range."""
+    try:
+        found = tomllib.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise SettingsError(f"followers.population = {path}: {error}") from error
+    constants = found.get("constants", {})
+    for constant in CONSTANTS:
+        value = constants.get(constant.name)
+        if not isinstance(value, int | float) or not constant.low <= value <= constant.high:
+            allowed = f"a number from {constant.low:g} to {constant.high:g}"
+            raise SettingsError(f"{path}: key constants.{constant.name} = {value!r}: {allowed} is needed")
+    moment = found.get("moment", 0.5)
+    values = np.array([float(constants[name]) for name in NAMES])
+    return Population(values, float(moment), int(found.get("n_responses", 0)), str(found.get("source", path.name)))

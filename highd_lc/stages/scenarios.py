@@ -1,18 +1,38 @@
 """Scenarios: the paper's simulations planned, driven, drawn, and entered beside the published numbers."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from highd_lc.core.edie import edie
 from highd_lc.io import artefacts, workspace
 from highd_lc.io.settings import digest
+from highd_lc.reporting.figures_scenarios import Story
 from highd_lc.reporting.labels import RECORDED
-from highd_lc.scenarios.run import rows_of_sweep
-from highd_lc.stages.crosslinks import link_to_scenarios
-from highd_lc.stages.scenario_frames import Given, default_plans, frame, scenario_frames, story_of, wave_columns
+from highd_lc.scenarios import waves
+from highd_lc.scenarios.arithmetic import arithmetic_rows
+from highd_lc.scenarios.claims import claim_rows
+from highd_lc.scenarios.ledger import Book, closest_rows, ledger_rows, rows_of_printed_state, value_of
+from highd_lc.scenarios.platoon import Platoon, situations
+from highd_lc.scenarios.run import (
+    DEFAULT,
+    Cell,
+    Planned,
+    av_lead,
+    drive_behind,
+    no_lane_change,
+    plan_situation,
+    rows_of_sweep,
+    rows_of_variants,
+)
+from highd_lc.scenarios.tracking import contact_rows, tracking_rows
+from highd_lc.scenarios.waves import WaveSpeed, wave_speed
+from highd_lc.stages.overview_pages import link_to_scenarios
 from highd_lc.stages.scenario_pages import (
     RecordedChange,
     fitted_drivers,
@@ -21,12 +41,168 @@ from highd_lc.stages.scenario_pages import (
     state_rows,
     write_pages,
 )
+from highd_lc.vocab import names
+from highd_lc.vocab import published as paper
 from highd_lc.vocab.driver import PARAMETERS
 from highd_lc.vocab.errors import ArtefactError
 from highd_lc.vocab.job import Provenance
 from highd_lc.vocab.scenarios import ScenarioSettings
+from highd_lc.vocab.tables import TABLES
 
 FloatArray = NDArray[np.float64]
+Row = dict[str, Any]
+
+_WAVE_SECONDS = 120.0
+_WAVE_VEHICLES = 20
+_MEASURES = {
+    "flow": ("flow_veh_h", "veh/h"),
+    "speed": ("speed_km_h", "km/h"),
+    "density": ("density_veh_km", "veh/km"),
+}
+
+
+@dataclass(frozen=True)
+class Given:
+    """What comes from outside: LCM parameters of drivers fitted to recordings, shape (n, 6), n = 0 for none, and
+
+    the cells of a sweep over the options, empty without one.
+    """
+
+    fitted: FloatArray
+    swept: list[Row]
+
+
+def frame(name: str, rows: Iterable[Row]) -> pd.DataFrame:
+    """Rows as a frame with all columns of a table, in its order."""
+    columns = list(TABLES[name].column_names)
+    return pd.DataFrame(list(rows), columns=columns).sort_values(list(TABLES[name].order), kind="stable")
+
+
+def default_plans(settings: ScenarioSettings) -> list[Planned]:
+    """Every situation with a platoon under the default options, planned for benchmark and local optimum."""
+    weights = (1.0, settings.loss.omega_av)
+    return [plan_situation(posed, settings, omegas=weights) for posed in situations(settings, settings.options)]
+
+
+def story_of(planned: Planned, settings: ScenarioSettings) -> Story:
+    """The situation as it goes on under benchmark and local optimum, with the whole platoon."""
+    posed = planned.situation
+    weights = {names.BENCHMARK: 1.0, names.LOCAL_OPTIMUM: settings.loss.omega_av}
+    found = {p: planned.plan(Cell(settings.form, settings.accounting, omega)) for p, omega in weights.items()}
+    plans = {policy: plan for policy, plan in found.items() if plan is not None}
+    platoons = {policy: drive_behind(posed, av_lead(posed, plan)) for policy, plan in plans.items()}
+    return Story(posed.key, posed.v_av, plans, platoons, no_lane_change(posed), posed.approach)
+
+
+def scenario_frames(
+    planned: list[Planned],
+    stories: dict[str, Story],
+    *,
+    settings: ScenarioSettings,
+    given: Given,
+    threads: int,
+) -> dict[str, pd.DataFrame]:
+    """All tables but those of a recorded lane change, by name. threads: over the variants."""
+    cells = rows_of_variants(settings, threads=threads) + rows_of_printed_state(settings)
+    book = Book.of(cells, settings)
+    drivers = waves.published_drivers()
+    if len(given.fitted):
+        drivers[f"fitted ({len(given.fitted)} followers)"] = given.fitted
+    rows: dict[str, Iterable[Row]] = {
+        "scenario_cells": cells,
+        "ledger": ledger_rows(book, swept=given.swept),
+        "closest": closest_rows([*cells, *given.swept]),
+        "claims": claim_rows(book),
+        "arithmetic": arithmetic_rows(),
+        "contacts": contact_rows(settings),
+        "rectangle": rectangle_rows(book),
+        "traffic_state": traffic_state_rows(book),
+        "waves": wave_rows(stories, settings),
+        "growth": waves.growth_rows(settings, drivers),
+        "string_stability": waves.stability_rows(drivers),
+        "scenario_tracking": tracking_rows(planned[0], settings),
+    }
+    if given.swept:
+        rows["scenario_sweep"] = given.swept
+        rows["sweep_claims"] = claim_rows(Book.of(given.swept, settings))
+    return {name: frame(name, found) for name, found in rows.items()}
+
+
+def _default_cell(book: Book, scenario: str, policy: str) -> Row:
+    settings = book.settings
+    omega = 1.0 if policy == names.BENCHMARK else settings.loss.omega_av
+    return book.cells[scenario, DEFAULT, settings.form, settings.accounting, omega]
+
+
+def rectangle_rows(book: Book) -> list[Row]:
+    """Table 1, ours beside the published one, under the default options."""
+    rows = []
+    for (scenario, policy), printed in paper.TABLE_1.items():
+        cell = _default_cell(book, scenario, policy)
+        for rank, totals in enumerate(printed, start=1):
+            rows.append(
+                {
+                    "scenario": scenario,
+                    "policy": policy,
+                    "follower": rank,
+                    "time_s": value_of(cell, f"rectangle_time_s {rank}"),
+                    "distance_m": value_of(cell, f"rectangle_distance_m {rank}"),
+                    "published_time_s": totals.time,
+                    "published_distance_m": totals.distance,
+                }
+            )
+    return rows
+
+
+def traffic_state_rows(book: Book) -> list[Row]:
+    """Table 2: published, from the printed totals of Table 1, and ours."""
+    printed = {(n.scenario, n.policy, n.quantity): n.value for n in paper.SCENARIO_2}
+    rows = []
+    for (scenario, policy), total in paper.TABLE_1_TOTALS.items():
+        from_table = dict(zip(_MEASURES, edie(total.distance, total.time, paper.RECTANGLE_AREA), strict=True))
+        for measure, (column, unit) in _MEASURES.items():
+            rows.append(
+                {
+                    "scenario": scenario,
+                    "policy": policy,
+                    "measure": measure,
+                    "unit": unit,
+                    "published": printed[scenario, policy, column],
+                    "from_table_1": from_table[measure],
+                    "ours": value_of(_default_cell(book, scenario, policy), column),
+                }
+            )
+    return rows
+
+
+def wave_rows(stories: dict[str, Story], settings: ScenarioSettings) -> list[Row]:
+    """Speed of the shock wave behind the AV in each situation and policy, seeded apart."""
+    rows = []
+    for number, story in enumerate(stories.values()):
+        for policy, platoon in story.platoons.items():
+            rng = np.random.default_rng([settings.seed, number])
+            found = wave_speed(*_disturbance(platoon, story.unchanged), dt=settings.vehicle.dt_s, rng=rng)
+            rows.append({"scenario": story.key, "policy": policy, **wave_columns(found)})
+    return rows
+
+
+def wave_columns(wave: WaveSpeed) -> Row:
+    """An estimated wave as columns of ``waves``."""
+    return {
+        "speed_mps": wave.speed,
+        "low_mps": wave.low,
+        "high_mps": wave.high,
+        "pairs": wave.pairs,
+        "correlation": wave.correlation,
+        "status": wave.status,
+    }
+
+
+def _disturbance(platoon: Platoon, unchanged: Platoon) -> tuple[FloatArray, FloatArray]:
+    """Positions and changes of speed of the first followers over the first two minutes."""
+    seen = platoon.t <= _WAVE_SECONDS
+    few = slice(0, _WAVE_VEHICLES)
+    return platoon.front[few, seen], (platoon.v - unchanged.v)[few, seen]
 
 
 @dataclass(frozen=True)

@@ -30,8 +30,6 @@ FloatArray = NDArray[np.float64]
 
 TIME_STEP = 0.1
 """Step of the planner's time grid [s] (equations.md 2)."""
-WHEELBASE_SHARE = 0.6
-"""Wheelbase over length of a vehicle; HighD has none (equations.md 8)."""
 _TRACK_COLUMNS = ["t", "x", "y", "vx", "vy", "ax", "ay", "vehicle_id", "calibration"]
 
 
@@ -60,16 +58,6 @@ def scene_makers(tables: SceneTables, settings: ValidateSettings) -> Iterator[tu
     events: Iterable[Any] = tables.events.itertuples()
     for event in events:
         yield event.event_id, partial(_scene, event, tables, settings)
-
-
-def load_scene(work: Path, event_id: str, settings: ValidateSettings) -> Scene:
-    """The scene of one event. Raises KeyError if there is no such event."""
-    recording = int(event_id.split("-")[0])
-    tables = read_scene_tables(work, recording, settings)
-    chosen = tables.events[tables.events["event_id"] == event_id]
-    if chosen.empty:
-        raise KeyError(event_id)
-    return _scene(next(chosen.itertuples()), tables, settings)
 
 
 def of_own_fits(settings: ValidateSettings) -> ValidateSettings:
@@ -116,7 +104,7 @@ def _scene(event: Any, tables: SceneTables, settings: ValidateSettings) -> Scene
         lateral_shift=float(event.lateral_shift_m),
         length=length,
         width=width,
-        wheelbase=WHEELBASE_SHARE * length,
+        wheelbase=settings.tracking.wheelbase_ratio * length,
         dt=TIME_STEP,
         horizon=settings.loss.horizon_s,
         target_leader=target_leader,

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from highd_lc.io import artefacts
 from highd_lc.scoring.population import Bootstrap, hodges_lehmann, mean_interval, ratio_interval, shares
 from highd_lc.vocab import names
-from highd_lc.vocab.studies import StatisticsSettings
+from highd_lc.vocab.sections import StatisticsSettings
 from highd_lc.vocab.tables import TABLES
 
 FloatArray = NDArray[np.float64]

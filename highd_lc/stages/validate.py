@@ -11,7 +11,7 @@ import pandas as pd
 
 from highd_lc.io import artefacts
 from highd_lc.planning import planner
-from highd_lc.planning.lane import first_contact, pairs
+from highd_lc.planning.limits import first_contact, pairs
 from highd_lc.planning.planner import Plan, PlanningProblem
 from highd_lc.planning.replay import Replay
 from highd_lc.planning.scene import Scene

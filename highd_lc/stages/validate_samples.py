@@ -27,8 +27,8 @@ from highd_lc.stages.validate_studies import Study
 from highd_lc.tracking.plan_tracking import DrivenPlan, PlanTracker, planned_motion
 from highd_lc.vocab import names
 from highd_lc.vocab.job import Job
+from highd_lc.vocab.sections import StudySettings
 from highd_lc.vocab.settings import ValidateSettings
-from highd_lc.vocab.studies import StudySettings
 from highd_lc.vocab.tables import TABLES
 from highd_lc.vocab.tables.studies import FRONT, SWEEP
 from highd_lc.vocab.tracking import KINEMATIC, LOST, MULTI_BODY, PLANTS, SOFTENED

@@ -32,7 +32,7 @@ from highd_lc.scoring.uncertainty import (
 from highd_lc.stages.statistics import PAIR_OF_FORM, PAIR_OF_START_FORM
 from highd_lc.tracking.plan_tracking import PlanTracker
 from highd_lc.vocab import names
-from highd_lc.vocab.studies import StatisticsSettings, StudySettings
+from highd_lc.vocab.sections import StatisticsSettings, StudySettings
 from highd_lc.vocab.tables import TABLES
 from highd_lc.vocab.tables.studies import (
     DRAWN,

@@ -16,7 +16,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from highd_lc.core.bicycle import bicycle_step
+from highd_lc.core.kinematics import bicycle_step
 from highd_lc.tracking.daqp_call import check_daqp
 from highd_lc.tracking.mpc import (
     STEERING_STOP,

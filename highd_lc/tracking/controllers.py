@@ -12,7 +12,7 @@ from typing import Literal, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from highd_lc.core.bicycle import bicycle_step
+from highd_lc.core.kinematics import bicycle_step
 from highd_lc.tracking.closed_loop import (
     Disturbance,
     Log,

@@ -26,7 +26,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from highd_lc.core.bicycle import error_model_entries
+from highd_lc.core.kinematics import error_model_entries
 from highd_lc.tracking.daqp_call import INFINITY, PROBLEM, RESULT, check_daqp, daqp_solve
 from highd_lc.vocab.errors import MissingExtraError
 from highd_lc.vocab.tracking import TrackingSettings

@@ -22,7 +22,7 @@ from highd_lc.traffic.lanes import (
     FloatArray,
     Records,
 )
-from highd_lc.vocab.recorder import RecorderSettings
+from highd_lc.vocab.sections import RecorderSettings
 
 # Numbers that a vehicle takes: 15 of one kind each, and those of its lane changes and sines.
 _COLUMNS = 15 + 3 * MAX_CHANGES + (MAX_CHANGES + 1) + 6 * SINES

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from highd_lc.traffic.drivers import Inflow, draw_drivers
 from highd_lc.traffic.lanes import Clock, Drivers, FloatArray, IntArray, Records, Road
 from highd_lc.traffic.simulation import simulate
-from highd_lc.vocab.recorder import RecorderSettings
+from highd_lc.vocab.sections import RecorderSettings
 
 LEADER, FOLLOWER = 0, 1
 LEFT_LEADER, LEFT_ALONGSIDE, LEFT_FOLLOWER = 2, 3, 4

@@ -11,8 +11,7 @@ import math
 import numpy as np
 from numba import njit
 
-from highd_lc.core.idm import IdmParameters, idm_acceleration
-from highd_lc.core.lcm import desired_spacing, lcm_acceleration
+from highd_lc.core.lcm import IdmParameters, desired_spacing, idm_acceleration, lcm_acceleration
 from highd_lc.traffic.lanes import (
     IDM,
     LCM_AT_ONCE,

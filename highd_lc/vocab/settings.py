@@ -5,8 +5,7 @@ from typing import Annotated, Literal
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from highd_lc.vocab import names
-from highd_lc.vocab.recorder import RecorderSettings
-from highd_lc.vocab.studies import StatisticsSettings, StudySettings
+from highd_lc.vocab.sections import RecorderSettings, StatisticsSettings, StudySettings
 from highd_lc.vocab.tracking import TrackingSettings
 
 

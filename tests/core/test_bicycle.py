@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from highd_lc.core.bicycle import bicycle_step, error_model
+from highd_lc.core.kinematics import bicycle_step, error_model
 
 SPEEDS = st.floats(0.0, 60.0)
 ANGLES = st.floats(-1.0, 1.0)

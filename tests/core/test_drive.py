@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from highd_lc.core import drive
-from highd_lc.core.idm import MOTORWAY
+from highd_lc.core.lcm import MOTORWAY
 from highd_lc.vocab.driver import LOWER_BOUNDS, TABLE3_MEANS, UPPER_BOUNDS
 
 DT = 0.1

@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from highd_lc.core.idm import MOTORWAY, idm_acceleration
+from highd_lc.core.lcm import MOTORWAY, idm_acceleration
 
 
 def plain(v: float, gap: float, v_leader: float) -> float:

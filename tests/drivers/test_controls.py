@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from highd_lc.drivers.controls import Rows, match, speeds, starts
+from highd_lc.drivers.prediction import Rows, match, speeds, starts
 
 RATE = 25.0
 

@@ -12,8 +12,16 @@ from scipy.stats import ks_2samp, mannwhitneyu
 from highd_lc.core.car_following import fit_problem, new_scratch, objectives_of
 from highd_lc.core.kernels import new_stream
 from highd_lc.drivers import genetic
-from highd_lc.drivers.genetic import PAIRS, GeneticAlgorithm, breed, cross, mutate, mutated, spread_factor
-from highd_lc.drivers.genetic_pymoo import PymooGeneticAlgorithm
+from highd_lc.drivers.genetic import (
+    PAIRS,
+    GeneticAlgorithm,
+    PymooGeneticAlgorithm,
+    breed,
+    cross,
+    mutate,
+    mutated,
+    spread_factor,
+)
 from highd_lc.vocab.driver import LOWER_BOUNDS, UPPER_BOUNDS
 
 LOWER, UPPER = LOWER_BOUNDS.as_array(), UPPER_BOUNDS.as_array()

@@ -4,7 +4,7 @@ from made_followers import NOISE_FREE, NOISY, follower
 
 from highd_lc.core.car_following import objectives_of
 from highd_lc.drivers.calibration import Prior, common_driver, fit_follower, penalised, pool_of, pose
-from highd_lc.drivers.pooling import (
+from highd_lc.drivers.identifiability import (
     EVERYBODY,
     STRENGTHS,
     FittedDrivers,

@@ -7,8 +7,8 @@ import pytest
 from made_responses import made
 
 from highd_lc.drivers import population
-from highd_lc.drivers.crossfit import CrossFit, folds
 from highd_lc.drivers.population import CONSTANTS, NAMES, PRIOR, Population
+from highd_lc.drivers.prediction import CrossFit, folds
 from highd_lc.drivers.responses import Responses
 
 TRUE = Population(np.array([27.0, 0.2, 2.0, 1.1, 2.3, 1.6, 2.9, 0.2, 3.5, 1.1, 4.0, 0.9, 6.0]), 0.3, 0, "made")

@@ -2,7 +2,7 @@ import pandas as pd
 import pytest
 
 from highd_lc.io import artefacts
-from highd_lc.io.event_description import describe_event
+from highd_lc.stages.extract import describe_event
 from highd_lc.vocab.errors import ArtefactError, UsageError
 from highd_lc.vocab.job import Provenance
 

@@ -6,7 +6,7 @@ import pytest
 
 from highd_lc.stages import statistics
 from highd_lc.vocab import names
-from highd_lc.vocab.studies import StatisticsSettings
+from highd_lc.vocab.sections import StatisticsSettings
 
 SETTINGS = StatisticsSettings(bootstrap=100)
 POLICIES = (names.BENCHMARK, names.LOCAL_OPTIMUM, names.NO_LANE_CHANGE)

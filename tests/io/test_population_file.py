@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from highd_lc.drivers.population import PRIOR, Population
-from highd_lc.io.population_file import load_population, save_population
+from highd_lc.stages.responses import load_population, save_population
 from highd_lc.vocab.errors import SettingsError
 
 

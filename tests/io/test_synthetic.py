@@ -8,7 +8,7 @@ import pandas as pd
 import pytest
 
 from highd_lc.io.synthetic import synthesize, write_recording
-from highd_lc.vocab.recorder import RecorderSettings
+from highd_lc.vocab.sections import RecorderSettings
 
 FIXTURES = Path(__file__).parents[1] / "fixtures"
 FILES = ("recordingMeta", "tracksMeta", "tracks", "truth", "truth_drivers")

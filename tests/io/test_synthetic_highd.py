@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 
 from highd_lc.io.synthetic import write_recording
-from highd_lc.vocab.recorder import FAULTLESS, RecorderSettings
+from highd_lc.vocab.sections import FAULTLESS, RecorderSettings
 
 TRACKS = (
     "frame,id,x,y,width,height,xVelocity,yVelocity,xAcceleration,yAcceleration,frontSightDistance,"

@@ -5,7 +5,7 @@ import pandas as pd
 import pytest
 
 from highd_lc.io.synthetic import write_recording
-from highd_lc.vocab.recorder import RecorderSettings
+from highd_lc.vocab.sections import RecorderSettings
 
 VEHICLE_COLUMNS = (
     "id,width,height,initialFrame,finalFrame,numFrames,class,drivingDirection,traveledDistance,minXVelocity,"

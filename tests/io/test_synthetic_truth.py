@@ -8,7 +8,7 @@ import pytest
 
 from highd_lc.io.synthetic import simulate_recording, truth_of, write_recording
 from highd_lc.vocab.driver import PARAMETERS
-from highd_lc.vocab.recorder import FAULTLESS, RecorderSettings
+from highd_lc.vocab.sections import FAULTLESS, RecorderSettings
 
 RATE = 25.0
 SECONDS = 200.0

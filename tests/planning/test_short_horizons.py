@@ -7,7 +7,7 @@ import pytest
 from random_scenes import random_scene
 
 from highd_lc.planning import planner
-from highd_lc.planning.lane import pairs
+from highd_lc.planning.limits import pairs
 from highd_lc.planning.pool import Goal
 from highd_lc.planning.replay import human_motion
 from highd_lc.planning.scene import Human, NextLeader

@@ -6,7 +6,7 @@ import pytest
 from random_scenes import random_scene
 
 from highd_lc.planning import planner
-from highd_lc.planning.surface import ON_SURFACE, LossSurface, SurfacePoint, loss_surface
+from highd_lc.planning.pareto import ON_SURFACE, LossSurface, SurfacePoint, loss_surface
 from highd_lc.vocab import names
 from highd_lc.vocab.settings import PlannerSettings, ValidateSettings
 

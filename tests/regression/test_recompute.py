@@ -13,7 +13,7 @@ from highd_lc.planning.replay import human_motion, plan_motion, replay
 from highd_lc.planning.start_planner import key_of, replay_start
 from highd_lc.planning.starts import pose_starts
 from highd_lc.scoring import charges
-from highd_lc.stages.scenes import load_scene
+from highd_lc.stages.scenes import read_scene_tables, scene_makers
 
 TABLES = ("events", "event_tracks", "vehicles", "followers", "plans", "losses")
 KEYS = ["event_id", "policy", "accounting"]
@@ -94,6 +94,11 @@ def test_smallest_clearance_of_chosen_starts_follows_from_the_artefacts(tables, 
             assert start_clearance(event, plan) == pytest.approx(plan["min_clearance_m"], abs=1e-3)
 
 
+def scene_of(work, event_id, settings):
+    tables = read_scene_tables(work, int(event_id.split("-")[0]), settings)
+    return dict(scene_makers(tables, settings))[event_id]()
+
+
 def follower_models(event_id, followers):
     """Rows of ``follower_models`` of one event, from what a scene's followers drive by."""
     columns = dict(zip(("v_desire", "A", "b", "B", "tau", "L"), followers.parameters.T, strict=True))
@@ -111,7 +116,7 @@ def test_losses_of_followers_that_react_follow_from_their_models(
     rng = np.random.default_rng(4)
     compared = set()
     for event_id in plans["event_id"].unique():
-        scene = reacting(load_scene(pipeline_run.work, event_id, settings), rng, family=family, moment=moment)
+        scene = reacting(scene_of(pipeline_run.work, event_id, settings), rng, family=family, moment=moment)
         problem = pose(scene, settings)
         models = {"follower_models": follower_models(event_id, scene.followers)}
         event = read_event(tables | models, event_id)

@@ -8,8 +8,7 @@ from sample_studies import gain_map, pareto, pareto_summary
 
 from highd_lc.reporting.event import FitTrace
 from highd_lc.reporting.pages_calibration import CalibrationTables
-from highd_lc.reporting.pages_index import IndexTables
-from highd_lc.reporting.pages_summary import SummaryTables
+from highd_lc.reporting.pages_index import IndexTables, SummaryTables
 from highd_lc.vocab import names
 from highd_lc.vocab.driver import PARAMETERS, TABLE3_MEANS, TABLE3_QUANTILES
 from highd_lc.vocab.tables.summaries import BELIEVED, NOT_IDENTIFIABLE

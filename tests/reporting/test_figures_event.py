@@ -100,7 +100,7 @@ def test_pyplot_is_never_loaded():
         "import sys; sys.path.insert(0, 'tests/reporting')\n"
         "from sample_event import sample_event\n"
         "from highd_lc.reporting.figures_event import EventPainter\n"
-        "import highd_lc.reporting.pages_summary\n"
+        "import highd_lc.reporting.pages_index\n"
         "EventPainter().png(sample_event(1))\n"
         "assert 'matplotlib.pyplot' not in sys.modules\n"
     )

@@ -11,10 +11,9 @@ from sample_studies import studies
 from highd_lc.reporting import labels
 from highd_lc.reporting.pages_calibration import calibration_page
 from highd_lc.reporting.pages_data import data_page, excluded_page
-from highd_lc.reporting.pages_index import IndexTables, index_page
+from highd_lc.reporting.pages_index import IndexTables, index_page, summary_page
 from highd_lc.reporting.pages_population import dictionary_page, matrix_page
 from highd_lc.reporting.pages_studies import StudyTables, studies_page
-from highd_lc.reporting.pages_summary import summary_page
 from highd_lc.reporting.terminal import matrix_table
 from highd_lc.stages import population_tables, statistics
 from highd_lc.vocab import names

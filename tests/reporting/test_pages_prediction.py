@@ -29,11 +29,10 @@ from highd_lc.reporting import html, labels
 from highd_lc.reporting.event import PredictionTrace
 from highd_lc.reporting.pages_data import Section
 from highd_lc.reporting.pages_event import Links, event_page
-from highd_lc.reporting.pages_index import index_page
+from highd_lc.reporting.pages_index import index_page, summary_page
 from highd_lc.reporting.pages_population import matrix_page
 from highd_lc.reporting.pages_prediction import believed_section, prediction_page
 from highd_lc.reporting.pages_studies import studies_page
-from highd_lc.reporting.pages_summary import summary_page
 from highd_lc.reporting.terminal import prediction_table
 from highd_lc.vocab import names
 

@@ -8,8 +8,7 @@ import pandas as pd
 import pytest
 from sample_run import recordings, sample_run, sample_summary
 
-from highd_lc.reporting.pages_index import index_page
-from highd_lc.reporting.pages_summary import summary_page
+from highd_lc.reporting.pages_index import index_page, summary_page
 from highd_lc.reporting.run_words import RunTables, run_in_short, run_says
 from highd_lc.vocab import names
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from random_scenes import random_scene, task_of
 
-from highd_lc.planning.lane import Pair, pairs
+from highd_lc.planning.limits import Pair, pairs
 from highd_lc.planning.planner import pose
 from highd_lc.planning.replay import plan_motion, replay
 from highd_lc.scoring import charges

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from random_scenes import random_scene, reacting
 
-from highd_lc.core.idm import MOTORWAY, idm_acceleration
+from highd_lc.core.lcm import MOTORWAY, idm_acceleration
 from highd_lc.planning import planner
 from highd_lc.planning.replay import Entry, joins
 from highd_lc.planning.start_planner import replay_start

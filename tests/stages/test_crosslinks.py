@@ -12,8 +12,7 @@ from highd_lc import engine
 from highd_lc.reporting.html import PAGES
 from highd_lc.reporting.pages_scenarios import PAGES as SCENARIO_PAGES
 from highd_lc.reporting.pages_scenarios import scenario_page
-from highd_lc.stages.crosslinks import link_to_scenarios
-from highd_lc.stages.overview_pages import missing_pages
+from highd_lc.stages.overview_pages import link_to_scenarios, missing_pages
 from highd_lc.vocab.job import Options
 
 

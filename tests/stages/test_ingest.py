@@ -11,7 +11,7 @@ from highd_lc.io.synthetic import write_recording
 from highd_lc.stages import cross_checks, ingest
 from highd_lc.vocab.cross_checks import CROSS_CHECKS
 from highd_lc.vocab.errors import InputError
-from highd_lc.vocab.recorder import RecorderSettings
+from highd_lc.vocab.sections import RecorderSettings
 
 FIXTURES = Path(__file__).parents[1] / "fixtures"
 

@@ -14,7 +14,7 @@ from highd_lc.stages.population_tables import (
 )
 from highd_lc.stages.statistics import PolicyLosses
 from highd_lc.vocab import names
-from highd_lc.vocab.studies import StatisticsSettings
+from highd_lc.vocab.sections import StatisticsSettings
 from highd_lc.vocab.tables import TABLES
 from highd_lc.vocab.tables.studies import DRAWN, IDM_MOTORWAY
 

@@ -8,7 +8,7 @@ from highd_lc.stages.population_tables import start_map
 from highd_lc.stages.statistics import PolicyLosses
 from highd_lc.stages.validate_studies import foresight_summary
 from highd_lc.vocab import names
-from highd_lc.vocab.studies import StatisticsSettings
+from highd_lc.vocab.sections import StatisticsSettings
 
 IDS = ["01-0001-00001", "01-0002-00002", "02-0003-00003"]
 EVENTS = pd.DataFrame({"spacing_m": [5.0, 15.0, 15.0], "closing_mps": [1.0, -7.0, -9.0]}, index=IDS)

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from tracking_plans import quintic_reference
 
-from highd_lc.tracking.multibody import MultiBodyPlant, dynamics, track_multibody
+from highd_lc.tracking import multibody
+from highd_lc.tracking.multibody import MultiBodyPlant, track_multibody
 from highd_lc.vocab.tracking import INVALID_REFERENCE, LOST, TRACKED, Reference, TrackingSettings
 
 SETTINGS = TrackingSettings()
@@ -12,7 +13,7 @@ SETTINGS = TrackingSettings()
 
 @pytest.fixture(scope="module")
 def model():
-    return dynamics()
+    return multibody
 
 
 def test_wheelbase_is_that_of_parameter_set_2(model):

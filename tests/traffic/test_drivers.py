@@ -6,7 +6,7 @@ import pytest
 from highd_lc.traffic.drivers import Inflow, draw_drivers
 from highd_lc.traffic.lanes import IDM, LCM, LCM_AT_ONCE
 from highd_lc.vocab.driver import LOWER_BOUNDS, PARAMETERS, TABLE3_MEANS, UPPER_BOUNDS
-from highd_lc.vocab.recorder import RecorderSettings
+from highd_lc.vocab.sections import RecorderSettings
 
 HOUR = 3600.0
 

@@ -5,8 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from highd_lc.core.idm import IdmParameters, idm_acceleration
-from highd_lc.core.lcm import lcm_acceleration
+from highd_lc.core.lcm import IdmParameters, idm_acceleration, lcm_acceleration
 from highd_lc.traffic import following
 from highd_lc.traffic.lanes import IDM, LCM, NOBODY, UNKNOWN, VEHICLE, Drivers, Road, empty_traffic
 

@@ -6,7 +6,7 @@ import pytest
 from highd_lc.traffic.drivers import Inflow, draw_drivers
 from highd_lc.traffic.lanes import BROKEN_OFF, KEPT, REFERENCE_LENGTH, RETURN, Clock, Drivers, Passage, Road
 from highd_lc.traffic.simulation import simulate
-from highd_lc.vocab.recorder import RecorderSettings
+from highd_lc.vocab.sections import RecorderSettings
 
 DT = 0.04
 SECONDS = 60

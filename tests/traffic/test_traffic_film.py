@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from highd_lc.traffic.film import Film, film_carriageway
-from highd_lc.vocab.recorder import FAULTLESS, RecorderSettings
+from highd_lc.vocab.sections import FAULTLESS, RecorderSettings
 
 MARKINGS = np.array([0.0, 3.7, 7.45, 11.2])
 KEY = (4, 1, 2)

@@ -3,7 +3,7 @@
 import pytest
 from pydantic import ValidationError
 
-from highd_lc.vocab.recorder import FAULTLESS, RecorderSettings
+from highd_lc.vocab.sections import FAULTLESS, RecorderSettings
 
 
 @pytest.mark.parametrize(
