@@ -5,8 +5,8 @@ and simulated alike, so that a tracker's noise is not held against a driver.
 
 Matched controls: followers that nobody cuts in on, alike before the start to those that somebody does. A control
 is a vehicle that keeps its lane and its leader from half a second before its start to the horizon. It is matched
-to a follower by class, carriageway and lane, and by speed, acceleration, spacing and closing speed within calipers;
-the nearest few count (equations.md 3.12).
+to a follower by class, carriageway and lane, and by speed, acceleration, spacing and closing speed within
+calipers; the nearest few count (equations.md 3.12).
 
 Cross-fitting: the constants for a recording's followers come from other recordings (equations.md 3.12). Where
 locations can be left out as well, a fold is a location; else a recording, or a few of them. With fewer than

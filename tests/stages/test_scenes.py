@@ -39,6 +39,13 @@ def scene(tracks, settings=None, **about):
     return make()
 
 
+@pytest.mark.parametrize("ratio", [0.6, 0.55])
+def test_the_wheelbase_is_a_share_of_the_length(ratio):
+    settings = ValidateSettings.model_validate({"tracking": {"wheelbase_ratio": ratio}})
+    made = scene({r: rows(r) for r in ROLES}, settings)
+    assert made.wheelbase == pytest.approx(ratio * made.length)
+
+
 def motion_of(made, role):
     return made.followers.recorded[0] if role == "target_follower_1" else getattr(made, role)
 
