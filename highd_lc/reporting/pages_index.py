@@ -19,7 +19,6 @@ from highd_lc.reporting import html, labels
 from highd_lc.reporting.event import PAIRS
 from highd_lc.reporting.figures_population import ALL
 from highd_lc.reporting.figures_studies import gain_map_figure
-from highd_lc.reporting.pages_calibration import table3_section
 from highd_lc.reporting.pages_data import (
     Column,
     Section,
@@ -29,6 +28,7 @@ from highd_lc.reporting.pages_data import (
     quality_section,
     table_view,
 )
+from highd_lc.reporting.pages_followers import table3_section
 from highd_lc.reporting.pages_population import matrix_section, with_labels
 from highd_lc.reporting.pages_studies import pareto_section
 from highd_lc.reporting.run_words import Said

@@ -13,7 +13,7 @@ from highd_lc.reporting import figures_prediction as figures
 from highd_lc.reporting import follower_words as words
 from highd_lc.reporting import html, labels
 from highd_lc.reporting.pages_data import Column, Section, TableView, overview_page, table_view
-from highd_lc.reporting.pages_externality import error_sections, externality_sections
+from highd_lc.reporting.pages_followers import error_sections, externality_sections
 from highd_lc.vocab import names
 from highd_lc.vocab.tables.prediction import RECORDED
 

@@ -21,8 +21,8 @@ from highd_lc.reporting import html, pages_scenarios
 from highd_lc.reporting.event import FitTrace
 from highd_lc.reporting.follower_words import effects_of, followers_say
 from highd_lc.reporting.html import TO_REPORT, TO_SCENARIOS, Crosslink
-from highd_lc.reporting.pages_calibration import CalibrationTables, calibration_page
 from highd_lc.reporting.pages_data import Section, data_page, empty_page, excluded_page
+from highd_lc.reporting.pages_followers import CalibrationTables, calibration_page
 from highd_lc.reporting.pages_index import IndexTables, SummaryTables, index_page, summary_page
 from highd_lc.reporting.pages_population import StartTables, dictionary_page, matrix_page, start_page
 from highd_lc.reporting.pages_prediction import PAGE as PREDICTION_PAGE

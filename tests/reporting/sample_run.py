@@ -7,7 +7,7 @@ import pandas as pd
 from sample_studies import gain_map, pareto, pareto_summary
 
 from highd_lc.reporting.event import FitTrace
-from highd_lc.reporting.pages_calibration import CalibrationTables
+from highd_lc.reporting.pages_followers import CalibrationTables
 from highd_lc.reporting.pages_index import IndexTables, SummaryTables
 from highd_lc.vocab import names
 from highd_lc.vocab.driver import PARAMETERS, TABLE3_MEANS, TABLE3_QUANTILES

@@ -11,9 +11,9 @@ from sample_studies import studies
 from test_pages_prediction import trace
 from test_pages_start import foresight, tiles
 
-from highd_lc.reporting.pages_calibration import calibration_page
 from highd_lc.reporting.pages_data import data_page, excluded_page
 from highd_lc.reporting.pages_event import Links, event_page
+from highd_lc.reporting.pages_followers import calibration_page
 from highd_lc.reporting.pages_index import index_page, summary_page
 from highd_lc.reporting.pages_population import StartTables, dictionary_page, matrix_page, start_page
 from highd_lc.reporting.pages_prediction import prediction_page

@@ -9,8 +9,8 @@ from sample_run import calibration, matrix, recordings, sample_run, sample_summa
 from sample_studies import studies
 
 from highd_lc.reporting import labels
-from highd_lc.reporting.pages_calibration import calibration_page
 from highd_lc.reporting.pages_data import data_page, excluded_page
+from highd_lc.reporting.pages_followers import calibration_page
 from highd_lc.reporting.pages_index import IndexTables, index_page, summary_page
 from highd_lc.reporting.pages_population import dictionary_page, matrix_page
 from highd_lc.reporting.pages_studies import StudyTables, studies_page
