@@ -25,19 +25,14 @@ from highd_lc.planning.search import nominal_rejections
 from highd_lc.planning.start_search import search_starts
 from highd_lc.planning.starts import CONTAINED, Key, StartProblem, best_of, pose_starts
 from highd_lc.vocab import names
+from highd_lc.vocab.policy import CHOOSING_START, POLICIES
 
 FloatArray = NDArray[np.float64]
 
-FORM_OF_START = {
-    names.BENCHMARK_START: names.START,
-    names.LOCAL_OPTIMUM_START: names.START,
-    names.BENCHMARK_FREE_START: names.FREE_START,
-    names.LOCAL_OPTIMUM_FREE_START: names.FREE_START,
-}
+FORM_OF_START = {policy: POLICIES[policy].comparison for policy in CHOOSING_START}
 OVERTAKES_LEADER = "overtakes_leader"
 """The constraint to end behind the gap's leader, beside those of ``planner``."""
 _LOOKED_AT = 100
-_BENCHMARKS = (names.BENCHMARK_START, names.BENCHMARK_FREE_START)
 
 StartPools = Mapping[Key, Pool]
 
@@ -69,7 +64,7 @@ def plan_start(posed: StartProblem, policy: str, accounting: str, searched: dict
         if needed not in searched:
             searched[needed] = _start_pool(posed, goals(problem), needed, searched)
     nominal = nominal_rejections(problem.task, free=form == names.FREE_START)
-    omega = 1.0 if policy in _BENCHMARKS else problem.settings.loss.omega_av
+    omega = POLICIES[policy].omega_av(problem.settings.loss.omega_av)
     return _best_plan(posed, searched[form], Goal(accounting, omega), policy, nominal)
 
 
@@ -98,7 +93,7 @@ def _start_pool(
 
 
 def _plans(posed: StartProblem, policy: str, pools: StartPools, nominal: dict[str, int]) -> Iterator[Plan]:
-    omega = 1.0 if policy in _BENCHMARKS else posed.problem.settings.loss.omega_av
+    omega = POLICIES[policy].omega_av(posed.problem.settings.loss.omega_av)
     for accounting in names.ACCOUNTINGS:
         yield _best_plan(posed, pools, Goal(accounting, omega), policy, nominal)
 

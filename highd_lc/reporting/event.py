@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from highd_lc.vocab import names
+from highd_lc.vocab.policy import PAIRS
 
 FloatArray = NDArray[np.float64]
 Row = Mapping[str, Any]
@@ -173,19 +174,10 @@ class EventReport:
 
     def gain(self, form: str = names.FIXED, accounting: str = names.PRIMARY_ACCOUNTING) -> float:
         """1 - total loss of the local optimum over that of the benchmark; NaN if either is infeasible."""
-        local, benchmark = (self.loss(p, accounting) for p in PAIRS[form])
+        benchmark, local = (self.loss(p, accounting) for p in PAIRS[form])
         if local is None or benchmark is None:
             return float("nan")
         return gain(local["loss_total"], benchmark["loss_total"])
-
-
-PAIRS: Mapping[str, tuple[str, str]] = {
-    names.FIXED: (names.LOCAL_OPTIMUM, names.BENCHMARK),
-    names.FREE: (names.LOCAL_OPTIMUM_FREE, names.BENCHMARK_FREE),
-    names.START: (names.LOCAL_OPTIMUM_START, names.BENCHMARK_START),
-    names.FREE_START: (names.LOCAL_OPTIMUM_FREE_START, names.BENCHMARK_FREE_START),
-}
-"""Of each form, the policy that is judged and the one it is judged against."""
 
 
 def gain(total_local: float, total_benchmark: float) -> float:

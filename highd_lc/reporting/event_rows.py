@@ -14,10 +14,11 @@ import numpy as np
 from markupsafe import Markup, escape
 
 from highd_lc.reporting import html, labels
-from highd_lc.reporting.event import PAIRS, EventReport, FloatArray, PredictionTrace, Row
+from highd_lc.reporting.event import EventReport, FloatArray, PredictionTrace, Row
 from highd_lc.reporting.html import bars, cells, number, policy_head
 from highd_lc.vocab import names
 from highd_lc.vocab.driver import PARAMETERS
+from highd_lc.vocab.policy import PAIRS, POLICIES
 
 LOSS_COLUMNS: Final = (
     "av_comfort",
@@ -166,7 +167,7 @@ def _plan_row(row: Row, loss: Row) -> dict[str, Any]:
 
 def _remarks(row: Row) -> list[str]:
     remarks = []
-    if row["policy"] in names.START_POLICIES + names.FREE_START_POLICIES and not is_infeasible(row):
+    if POLICIES[row["policy"]].chooses_start and not is_infeasible(row):
         remarks.append(_start(row))
     if row.get("contact"):
         remarks.append(labels.through(row["contact"]))
@@ -197,7 +198,7 @@ def _at_bound(found: Iterable[str]) -> list[str]:
 def margins(rows: list[Row]) -> dict[str, Any]:
     """The table of margins under an accounting: policies, forms, and a row a constraint."""
     with_margins = [row for row in rows if _length(row["margins"])]
-    counted = {form: row for form, (local, _) in PAIRS.items() for row in rows if row["policy"] == local}
+    counted = {form: row for form, (_, local) in PAIRS.items() for row in rows if row["policy"] == local}
     rejected = [dict(row["rejected_by"] or {}) for row in counted.values()]
     found = sorted({name for row in with_margins for name in row["margins"]} | {n for r in rejected for n in r})
     return {

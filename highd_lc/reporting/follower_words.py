@@ -12,8 +12,8 @@ import numpy as np
 import pandas as pd
 
 from highd_lc.reporting import html, labels
-from highd_lc.reporting.event import PAIRS
 from highd_lc.vocab import names
+from highd_lc.vocab.policy import PAIRS
 
 ALL: Final = "all"
 """The stratum of ``prediction_summary`` that holds every event."""
@@ -52,7 +52,7 @@ def effects_of(losses: pd.DataFrame) -> list[Effect]:
 def effect_by_event(losses: pd.DataFrame, form: str) -> pd.Series:
     """The followers' loss under the local optimum minus that under the benchmark, by event with both plans."""
     rows = losses[losses["accounting"] == names.PRIMARY_ACCOUNTING]
-    local, benchmark = (rows[rows["policy"] == q].set_index("event_id")["loss_hv"] for q in PAIRS[form])
+    benchmark, local = (rows[rows["policy"] == q].set_index("event_id")["loss_hv"] for q in PAIRS[form])
     return (local - benchmark).dropna()
 
 

@@ -10,10 +10,11 @@ from typing import Any
 from markupsafe import Markup
 
 from highd_lc.reporting import event_rows, html, labels
-from highd_lc.reporting.event import PAIRS, EventReport, Row
+from highd_lc.reporting.event import EventReport, Row
 from highd_lc.reporting.payload import event_payload
 from highd_lc.vocab import names
 from highd_lc.vocab.driver import PARAMETERS, UNITS
+from highd_lc.vocab.policy import CHOOSING_START, PAIRS, POLICIES
 
 
 def start_sentences(report: EventReport) -> list[str]:
@@ -21,7 +22,7 @@ def start_sentences(report: EventReport) -> list[str]:
 
     Accounting: the primary one. Empty if no start was chosen in this event.
     """
-    planned = [q for q in names.START_POLICIES + names.FREE_START_POLICIES if _known(report, q)]
+    planned = [q for q in CHOOSING_START if _known(report, q)]
     moved = [q for q in planned if _differs(report.plan(q) or {})]
     found = [_sentence(report, policy) for policy in moved]
     if len(moved) < len(planned):
@@ -30,13 +31,8 @@ def start_sentences(report: EventReport) -> list[str]:
     return found
 
 
-def contained(policy: str) -> str:
-    """The policy without the choice of the start."""
-    return policy.removesuffix("_start")
-
-
 def _known(report: EventReport, policy: str) -> bool:
-    losses = [report.loss(q) for q in (policy, contained(policy))]
+    losses = [report.loss(q) for q in (policy, POLICIES[policy].without_choice)]
     return all(loss is not None and not html.is_missing(loss["loss_total"]) for loss in losses)
 
 
@@ -46,7 +42,7 @@ def _differs(plan: Row) -> bool:
 
 def _sentence(report: EventReport, policy: str) -> str:
     plan, now = report.plan(policy) or {}, report.loss(policy) or {}
-    before = report.loss(contained(policy)) or {}
+    before = report.loss(POLICIES[policy].without_choice) or {}
     wait = f"waits {html.number(plan['delay_s'], 1)} s" if plan["delay_s"] > 0.0 else "starts at once"
     return (
         f"{labels.POLICIES[policy].label}: the AV {wait} and goes into {_gap(plan['gap'])}. "
@@ -201,7 +197,7 @@ def _facts(report: EventReport) -> list[tuple[str, str]]:
         ("Leader on target lane", _leader(event)),
         ("Followers on target lane", str(report.n_followers)),
     ]
-    gains = [(form, report.gain(form)) for form, (local, _) in PAIRS.items() if report.plan(local) is not None]
+    gains = [(form, report.gain(form)) for form, (_, local) in PAIRS.items() if report.plan(local) is not None]
     return facts + [(f"Gain, {labels.FORMS[form].lower()}", html.percent(value)) for form, value in gains]
 
 

@@ -14,13 +14,14 @@ import pandas as pd
 from highd_lc.reporting import figures_population as figures
 from highd_lc.reporting import follower_words as words
 from highd_lc.reporting import html, labels
-from highd_lc.reporting.event import PAIRS, FitTrace
+from highd_lc.reporting.event import FitTrace
 from highd_lc.reporting.figures_population import ALL
 from highd_lc.reporting.figures_prediction import error_figure, externality_figure, source_label
 from highd_lc.reporting.figures_studies import fits_figure
 from highd_lc.reporting.pages_data import Column, Section, TableView, overview_page, percentage, table_view
 from highd_lc.vocab import names
 from highd_lc.vocab.driver import PARAMETERS, UNITS
+from highd_lc.vocab.policy import PAIRS
 from highd_lc.vocab.tables.prediction import CONTROL, OBSERVED
 from highd_lc.vocab.tables.summaries import BELIEVED
 

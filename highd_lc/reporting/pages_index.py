@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 
 from highd_lc.reporting import figures_population as figures
 from highd_lc.reporting import html, labels
-from highd_lc.reporting.event import PAIRS
 from highd_lc.reporting.figures_population import ALL
 from highd_lc.reporting.figures_studies import gain_map_figure
 from highd_lc.reporting.pages_data import (
@@ -33,6 +32,7 @@ from highd_lc.reporting.pages_population import matrix_section, with_labels
 from highd_lc.reporting.pages_studies import pareto_section
 from highd_lc.reporting.run_words import Said
 from highd_lc.vocab import names
+from highd_lc.vocab.policy import PAIRS
 
 _ACCOUNTINGS: Final = (names.EQUAL, names.FOLLOWER_HORIZON, names.PAPER)
 CELLS: Final = tuple((form, accounting) for form in PAIRS for accounting in _ACCOUNTINGS)
@@ -76,7 +76,7 @@ def index_page(tables: IndexTables, *, raw: bool = False, says: str = "", believ
     events, crossings = tables.events, tables.crossings
     excluded = crossings.loc[~crossings["usable"], "reason"].value_counts()
     planned = set(tables.plans["policy"].unique())
-    present = [cell for cell in CELLS if PAIRS[cell[0]][0] in planned]
+    present = [cell for cell in CELLS if PAIRS[cell[0]][1] in planned]
     context = {
         "root": "",
         "here": "index.html",
@@ -161,9 +161,9 @@ def _values(tables: IndexTables, cell: tuple[str, str]) -> dict[str, list[Any]]:
     """What depends on form and accounting; the script derives the rest. status: place in ``STATUSES``."""
     form, accounting = cell
     ids = tables.events["event_id"]
-    local, benchmark = (_totals(tables.losses, policy, accounting).reindex(ids) for policy in PAIRS[form])
+    benchmark, local = (_totals(tables.losses, policy, accounting).reindex(ids) for policy in PAIRS[form])
     gain = 100.0 * (1.0 - local / benchmark)
-    status = _column(tables.plans, PAIRS[form][0], accounting, "status").reindex(ids)
+    status = _column(tables.plans, PAIRS[form][1], accounting, "status").reindex(ids)
     place = {name: k for k, name in enumerate(STATUSES)}
     return {
         "status": [place.get(name) for name in status],
@@ -262,7 +262,7 @@ def totals(
 ) -> tuple[FloatArray, FloatArray]:
     """Total losses of the local optimum and of the benchmark in the order of the events, NaN where undefined."""
     rows = losses[losses["accounting"] == accounting]
-    local, benchmark = (
+    benchmark, local = (
         rows[rows["policy"] == policy].set_index("event_id")["loss_total"].reindex(events["event_id"])
         for policy in PAIRS[form]
     )

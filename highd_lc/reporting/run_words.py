@@ -11,9 +11,9 @@ from typing import Any, Final
 import pandas as pd
 
 from highd_lc.reporting import html, labels
-from highd_lc.reporting.event import PAIRS
 from highd_lc.reporting.figures_population import ALL
 from highd_lc.vocab import names
+from highd_lc.vocab.policy import PAIRS
 from highd_lc.vocab.tables.studies import TOGETHER
 
 Said = tuple[str, tuple[str, ...]]

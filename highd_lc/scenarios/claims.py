@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 from highd_lc.scenarios.ledger import Book, value_of
 from highd_lc.scenarios.run import DEFAULT
 from highd_lc.vocab import names
-from highd_lc.vocab.published import BEST_OMEGA
+from highd_lc.vocab.policy import PAIRS
+from highd_lc.vocab.published import BEST_OMEGA, LOWEST_OMEGA, printed
 
 FloatArray = NDArray[np.float64]
 Row = dict[str, Any]
@@ -57,59 +58,76 @@ def _returns(benchmark: Row, local: Row) -> float:
     return faster if abs(local["v_end"] / v_start - 1.0) < 0.01 else -faster
 
 
+def _printed(quantity: str, *scenarios: str, digits: int = 2) -> dict[str, str]:
+    """The printed pair of a quantity in words, by scenario."""
+    return {scenario: _pair(scenario, quantity, digits=digits) for scenario in scenarios}
+
+
+def _pair(scenario: str, quantity: str, *, digits: int = 2) -> str:
+    return " -> ".join(f"{printed(scenario, policy, quantity):.{digits}f}" for policy in PAIRS[names.FIXED])
+
+
+def _trade_printed(quantity: str) -> str:
+    """From the benchmark to the local optimum of the lowest weight, scenario 1."""
+    lowest = printed("1", names.LOCAL_OPTIMUM, quantity, omega=LOWEST_OMEGA)
+    return f"{printed('1', names.BENCHMARK, quantity):.2f} -> {lowest:.2f}"
+
+
+_PEAK: Final = printed("1", names.LOCAL_OPTIMUM, "av_v_max")
+
 CLAIMS: Final = (
     Claim(
         "hv_loss_falls",
         "the local optimum lowers the followers' loss",
-        {"1": "28.64 -> 17.70", "2_15": "", "2_20": "", "3": "48.44 -> 42.12"},
+        _printed("loss_hv", "1", "3") | {"2_15": "", "2_20": ""},
         _falls("loss_hv"),
     ),
     Claim(
         "total_loss_falls",
         "the local optimum lowers the total loss",
-        {"1": "50.06 -> 44.64", "2_15": "224.96 -> 207.58", "2_20": "198.16 -> 184.65", "3": "70.28 -> 67.52"},
+        _printed("loss_total", "1", "2_15", "2_20", "3"),
         _falls("loss_total"),
     ),
     Claim(
         "av_loss_rises",
         "the local optimum costs the AV something",
-        {"1": "21.42 -> 26.94", "3": "21.84 -> 25.40"},
+        _printed("loss_av", "1", "3"),
         _rises("loss_av"),
     ),
     Claim(
         "travel_time_falls",
         "the local optimum lowers the added total travel time",
-        {"1": "14.18 -> 11.84 s"},
+        {"1": f"{_pair('1', 'ttt_difference_s')} s"},
         _falls("ttt_difference_s"),
     ),
     Claim(
         "av_faster",
         "under the local optimum the AV drives faster than under the benchmark",
-        {"1": "peak 28.11 m/s"},
+        {"1": f"peak {_PEAK:.2f} m/s"},
         _accelerates,
     ),
     Claim(
         "av_returns",
         "under the local optimum the AV accelerates, then returns to its speed",
-        {"1": "25 -> 28.11 -> 25 m/s"},
+        {"1": f"25 -> {_PEAK:.2f} -> 25 m/s"},
         _returns,
     ),
     Claim(
         "flow_rises",
         "flow rises",
-        {"2_15": "1875.963 -> 1905.666", "2_20": "1509.140 -> 1579.746"},
+        _printed("flow_veh_h", "2_15", "2_20", digits=3),
         _rises("flow_veh_h"),
     ),
     Claim(
         "speed_rises",
         "speed rises",
-        {"2_15": "65.746 -> 69.381", "2_20": "67.641 -> 72.837"},
+        _printed("speed_km_h", "2_15", "2_20", digits=3),
         _rises("speed_km_h"),
     ),
     Claim(
         "density_falls",
         "density falls",
-        {"2_15": "28.533 -> 27.467", "2_20": "22.311 -> 21.689"},
+        _printed("density_veh_km", "2_15", "2_20", digits=3),
         _falls("density_veh_km"),
     ),
 )
@@ -160,7 +178,7 @@ def _claim_row(claim: Claim, scenario: str, *, form: str, accounting: str, book:
 def judge(claim: Claim, scenario: str, *, variant: str, form: str, accounting: str, book: Book) -> str:
     """Whether a claim holds, fails or nothing changes in a cell; no_plan where one of the plans is missing."""
     pair: Sequence[Row] = [
-        book.cells[scenario, variant, form, accounting, omega] for omega in (1.0, book.settings.loss.omega_av)
+        book.cells[scenario, variant, form, accounting, omega] for omega in book.settings.weights.values()
     ]
     if any(row["status"] != names.SOLVED for row in pair):
         return MISSING
@@ -186,7 +204,7 @@ def weight_rows(book: Book) -> Iterator[Row]:
             yield cell | _verdict_row(
                 "weights_trade",
                 "with falling omega_AV the AV's loss rises and the followers' falls",
-                printed="21.42 -> 36.79, 28.64 -> 14.14",
+                printed=", ".join(_trade_printed(quantity) for quantity in ("loss_av", "loss_hv")),
                 verdict=_trade(av, hv),
             )
 

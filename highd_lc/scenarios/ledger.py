@@ -101,7 +101,7 @@ def rows_of_printed_state(settings: ScenarioSettings) -> list[Row]:
     rows = []
     for v_av in settings.scenario_3.av_speeds:
         problem = planner.pose(printed_scene(settings, v_av), _planning(settings))
-        omegas = (1.0, settings.loss.omega_av)
+        omegas = tuple(settings.weights.values())
         goals = [Goal(a, o) for a in names.ACCOUNTINGS for o in omegas]
         fixed = search(problem.task, goals)
         pools = {names.FIXED: fixed, names.FREE: search(problem.task, goals, known=fixed)}

@@ -215,7 +215,6 @@ Row = dict[str, Any]
 
 DEFAULT: Final = "default"
 PAPER_LITERAL: Final = "paper_literal"
-BENCHMARK_OMEGA: Final = 1.0
 
 
 def variants(settings: ScenarioSettings) -> dict[str, ScenarioOptions]:
@@ -237,15 +236,11 @@ def name_of(options: ScenarioOptions, default: ScenarioOptions) -> str:
     return " ".join(f"{key}={value}" for key, value in given.items() if value != usual[key]) or DEFAULT
 
 
-def pair_omegas(settings: ScenarioSettings) -> tuple[float, ...]:
-    """Weights of the AV of benchmark and local optimum."""
-    return BENCHMARK_OMEGA, settings.loss.omega_av
-
-
 def rows_of_variants(settings: ScenarioSettings, *, threads: int = 1) -> list[Row]:
     """The cells of every named variant; of the default one for every weight of the AV."""
     named = variants(settings)
-    weights = {name: settings.omegas if name == DEFAULT else pair_omegas(settings) for name in named}
+    pair = tuple(settings.weights.values())
+    weights = {name: settings.omegas if name == DEFAULT else pair for name in named}
 
     def one(name: str) -> list[Row]:
         return rows_of_options(name, named[name], settings=settings, omegas=weights[name])
@@ -256,7 +251,7 @@ def rows_of_variants(settings: ScenarioSettings, *, threads: int = 1) -> list[Ro
 
 def rows_of_sweep(settings: ScenarioSettings, *, threads: int = 1) -> Iterator[list[Row]]:
     """The cells of every combination of the sweep, one combination after the other."""
-    weights = pair_omegas(settings)
+    weights = tuple(settings.weights.values())
 
     def one(named: tuple[str, ScenarioOptions]) -> list[Row]:
         return rows_of_options(named[0], named[1], settings=settings, omegas=weights)

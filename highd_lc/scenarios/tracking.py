@@ -34,18 +34,15 @@ def contact_rows(settings: ScenarioSettings) -> list[Row]:
     rows: list[Row] = []
     for reading in ("centres", "bumpers"):
         for posed in situations(settings, settings.with_options({"gap_reading": reading})):
-            planned = plan_situation(posed, settings, omegas=(1.0, settings.loss.omega_av))
+            planned = plan_situation(posed, settings, omegas=tuple(settings.weights.values()))
             rows += _rows_of(planned, settings)
     return rows
 
 
 def _rows_of(planned: Planned, settings: ScenarioSettings) -> Iterator[Row]:
     form, accounting = settings.form, settings.accounting
-    plans = {
-        names.CONSTANT: reference_plans(planned.problem, names.CONSTANT)[0].quintic,
-        names.BENCHMARK: planned.plan(Cell(form, accounting, 1.0)),
-        names.LOCAL_OPTIMUM: planned.plan(Cell(form, accounting, settings.loss.omega_av)),
-    }
+    plans = {names.CONSTANT: reference_plans(planned.problem, names.CONSTANT)[0].quintic}
+    plans |= {p: planned.plan(Cell(form, accounting, omega)) for p, omega in settings.weights.items()}
     posed = planned.situation
     for motion, plan in plans.items():
         row = {
@@ -96,7 +93,7 @@ PLANNED = "planned"
 def tracking_rows(planned: Planned, settings: ScenarioSettings) -> list[Row]:
     """Benchmark and local optimum, planned and on both cars (rows of ``scenario_tracking``)."""
     rows: list[Row] = []
-    for policy, omega in ((names.BENCHMARK, 1.0), (names.LOCAL_OPTIMUM, settings.loss.omega_av)):
+    for policy, omega in settings.weights.items():
         plan = planned.plan(Cell(settings.form, settings.accounting, omega))
         if plan is not None:
             rows += ({"policy": policy} | row for row in _rows_of_plan(planned, plan, settings))

@@ -22,7 +22,6 @@ from numpy.typing import NDArray
 from highd_lc.core.lcm import desired_spacing, equilibrium_spacing
 from highd_lc.scenarios.platoon import Platoon, PlatoonStart, Situation, situation
 from highd_lc.scenarios.run import Cell, av_lead, drive_behind, no_lane_change, plan_situation
-from highd_lc.vocab import names
 from highd_lc.vocab.driver import SIMULATION, TABLE3_MEANS, TABLE3_QUANTILES
 from highd_lc.vocab.errors import ShapeError
 from highd_lc.vocab.scenarios import ScenarioSettings
@@ -258,9 +257,9 @@ def growth_rows(settings: ScenarioSettings, drivers: Mapping[str, FloatArray]) -
 
 
 def _growth(name: str, posed: Situation, settings: ScenarioSettings) -> Iterator[Row]:
-    planned = plan_situation(posed, settings, omegas=(1.0, settings.loss.omega_av))
+    planned = plan_situation(posed, settings, omegas=tuple(settings.weights.values()))
     unchanged = no_lane_change(posed)
-    for policy, omega in ((names.BENCHMARK, 1.0), (names.LOCAL_OPTIMUM, settings.loss.omega_av)):
+    for policy, omega in settings.weights.items():
         plan = planned.plan(Cell(settings.form, settings.accounting, omega))
         if plan is None:
             continue

@@ -15,9 +15,10 @@ from numpy.typing import NDArray
 
 from highd_lc.drivers.identifiability import Identifiability, PoolingStudy, verdict
 from highd_lc.scoring.population import Bootstrap, ratio_interval, shares
-from highd_lc.stages.statistics import PAIR_OF_FORM, PAIR_OF_START_FORM, PolicyLosses
+from highd_lc.stages.statistics import PolicyLosses
 from highd_lc.vocab import names
 from highd_lc.vocab.driver import PARAMETERS, TABLE3_MEANS, TABLE3_QUANTILES
+from highd_lc.vocab.policy import CHOOSING_START, PAIRS, POLICIES
 from highd_lc.vocab.sections import StatisticsSettings
 from highd_lc.vocab.tables import TABLES
 from highd_lc.vocab.tables.studies import SECOND_OPINIONS, TOGETHER
@@ -161,7 +162,7 @@ def _frame(name: str, rows: list[Row]) -> pd.DataFrame:
 
 def _pairs(losses: PolicyLosses) -> Iterator[tuple[Row, pd.DataFrame]]:
     """Each form and accounting with the losses of its two policies, one row an event."""
-    for form, (benchmark, local) in (PAIR_OF_FORM | PAIR_OF_START_FORM).items():
+    for form, (benchmark, local) in PAIRS.items():
         for accounting in names.ACCOUNTINGS:
             pair = losses.pair(accounting, local, benchmark)
             if not pair.empty:
@@ -189,7 +190,7 @@ def cross_scores(
 
 def _cross_cells(cross: pd.DataFrame, statistics: StatisticsSettings, seed: int) -> Iterator[Row]:
     """Every form, accounting optimised and accounting scored. cross: rows of one pair of follower models."""
-    for form, (benchmark, local) in (PAIR_OF_FORM | PAIR_OF_START_FORM).items():
+    for form, (benchmark, local) in PAIRS.items():
         for optimised in names.ACCOUNTINGS:
             chosen = cross[cross["accounting"] == optimised].set_index("event_id")
             one, other = (chosen[chosen["policy"] == policy] for policy in (local, benchmark))
@@ -322,13 +323,6 @@ def solver_summary(comparison: pd.DataFrame) -> pd.DataFrame:
     return _frame("solver_summary", rows)
 
 
-CONTAINED = {
-    names.BENCHMARK_START: names.BENCHMARK,
-    names.LOCAL_OPTIMUM_START: names.LOCAL_OPTIMUM,
-    names.BENCHMARK_FREE_START: names.BENCHMARK_FREE,
-    names.LOCAL_OPTIMUM_FREE_START: names.LOCAL_OPTIMUM_FREE,
-}
-"""Of each policy that chooses its start, the one without that choice."""
 _LOSSES = ("loss_av", "loss_hv", "loss_total")
 
 
@@ -339,7 +333,8 @@ def start_map(events: pd.DataFrame, plans: pd.DataFrame, losses: PolicyLosses) -
     with and without the choice.
     """
     rows = []
-    for policy, contained in CONTAINED.items():
+    for policy in CHOOSING_START:
+        contained = POLICIES[policy].without_choice
         for accounting in names.ACCOUNTINGS:
             pair = _pair(plans, losses, policy, contained, accounting)
             if pair.empty:

@@ -16,7 +16,7 @@ import pandas as pd
 
 from highd_lc.io import artefacts, atomic
 from highd_lc.reporting import html
-from highd_lc.reporting.event import PAIRS, EventReport
+from highd_lc.reporting.event import EventReport
 from highd_lc.reporting.figures_event import VECTOR_FORMATS, EventPainter, event_vector
 from highd_lc.reporting.html import TO_SCENARIOS
 from highd_lc.reporting.pages_event import Links, event_page, failed_page
@@ -34,6 +34,7 @@ from highd_lc.stages.scenes import scene_makers
 from highd_lc.vocab import names
 from highd_lc.vocab.errors import StorageError, UsageError, told
 from highd_lc.vocab.job import CarryOut, Combination, Job, JobReport, Problem, ReportRequest, one_by_one
+from highd_lc.vocab.policy import PAIRS
 from highd_lc.vocab.settings import ReportSettings, ValidateSettings
 from highd_lc.vocab.tables import TABLES
 
@@ -115,7 +116,7 @@ def top_events(work: Path, count: int, model: str) -> frozenset[str]:
     losses = artefacts.read(work, "losses", columns=columns)
     losses = losses[losses["followers"] == model]
     primary = losses[losses["accounting"] == names.PRIMARY_ACCOUNTING]
-    local, benchmark = (
+    benchmark, local = (
         primary[primary["policy"] == policy].set_index("event_id")["loss_total"] for policy in PAIRS[names.FIXED]
     )
     difference = (1.0 - local / benchmark).abs().dropna().sort_index()

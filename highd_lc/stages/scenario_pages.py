@@ -32,7 +32,7 @@ from highd_lc.scenarios.run import DEFAULT
 from highd_lc.scenarios.waves import WaveSpeed, wave_speed
 from highd_lc.vocab import names
 from highd_lc.vocab.driver import PARAMETERS
-from highd_lc.vocab.published import PUBLISHED
+from highd_lc.vocab.published import PUBLISHED, printed
 from highd_lc.vocab.scenarios import MapSettings, RecordedSettings, ScenarioSettings
 
 FloatArray = NDArray[np.float64]
@@ -241,8 +241,9 @@ def _lane_state(change: RecordedChange) -> LaneState:
 
 
 def _printed_losses(scenario: str) -> dict[str, PrintedLosses]:
-    found = {(n.policy, n.quantity): n.value for n in PUBLISHED if n.scenario == scenario and not n.omega_given}
-    return {p: PrintedLosses(found[p, "loss_av"], found[p, "loss_hv"]) for p in figures.PAIR}
+    return {
+        p: PrintedLosses(*(printed(scenario, p, f"loss_{side}") for side in ("av", "hv"))) for p in figures.PAIR
+    }
 
 
 def _printed_weights(scenario: str) -> dict[float, PrintedLosses]:

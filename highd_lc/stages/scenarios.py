@@ -41,7 +41,6 @@ from highd_lc.stages.scenario_pages import (
     state_rows,
     write_pages,
 )
-from highd_lc.vocab import names
 from highd_lc.vocab import published as paper
 from highd_lc.vocab.driver import PARAMETERS
 from highd_lc.vocab.errors import ArtefactError
@@ -80,15 +79,16 @@ def frame(name: str, rows: Iterable[Row]) -> pd.DataFrame:
 
 def default_plans(settings: ScenarioSettings) -> list[Planned]:
     """Every situation with a platoon under the default options, planned for benchmark and local optimum."""
-    weights = (1.0, settings.loss.omega_av)
+    weights = tuple(settings.weights.values())
     return [plan_situation(posed, settings, omegas=weights) for posed in situations(settings, settings.options)]
 
 
 def story_of(planned: Planned, settings: ScenarioSettings) -> Story:
     """The situation as it goes on under benchmark and local optimum, with the whole platoon."""
     posed = planned.situation
-    weights = {names.BENCHMARK: 1.0, names.LOCAL_OPTIMUM: settings.loss.omega_av}
-    found = {p: planned.plan(Cell(settings.form, settings.accounting, omega)) for p, omega in weights.items()}
+    found = {
+        p: planned.plan(Cell(settings.form, settings.accounting, omega)) for p, omega in settings.weights.items()
+    }
     plans = {policy: plan for policy, plan in found.items() if plan is not None}
     platoons = {policy: drive_behind(posed, av_lead(posed, plan)) for policy, plan in plans.items()}
     return Story(posed.key, posed.v_av, plans, platoons, no_lane_change(posed), posed.approach)
@@ -130,8 +130,7 @@ def scenario_frames(
 
 def _default_cell(book: Book, scenario: str, policy: str) -> Row:
     settings = book.settings
-    omega = 1.0 if policy == names.BENCHMARK else settings.loss.omega_av
-    return book.cells[scenario, DEFAULT, settings.form, settings.accounting, omega]
+    return book.cells[scenario, DEFAULT, settings.form, settings.accounting, settings.weights[policy]]
 
 
 def rectangle_rows(book: Book) -> list[Row]:
@@ -156,10 +155,9 @@ def rectangle_rows(book: Book) -> list[Row]:
 
 def traffic_state_rows(book: Book) -> list[Row]:
     """Table 2: published, from the printed totals of Table 1, and ours."""
-    printed = {(n.scenario, n.policy, n.quantity): n.value for n in paper.SCENARIO_2}
-    rows = []
+    area, rows = paper.RECTANGLE_HEIGHT * paper.RECTANGLE_DURATION, []
     for (scenario, policy), total in paper.TABLE_1_TOTALS.items():
-        from_table = dict(zip(_MEASURES, edie(total.distance, total.time, paper.RECTANGLE_AREA), strict=True))
+        from_table = dict(zip(_MEASURES, edie(total.distance, total.time, area), strict=True))
         for measure, (column, unit) in _MEASURES.items():
             rows.append(
                 {
@@ -167,7 +165,7 @@ def traffic_state_rows(book: Book) -> list[Row]:
                     "policy": policy,
                     "measure": measure,
                     "unit": unit,
-                    "published": printed[scenario, policy, column],
+                    "published": paper.printed(scenario, policy, column),
                     "from_table_1": from_table[measure],
                     "ours": value_of(_default_cell(book, scenario, policy), column),
                 }

@@ -11,26 +11,14 @@ from numpy.typing import NDArray
 from highd_lc.io import artefacts
 from highd_lc.scoring.population import Bootstrap, hodges_lehmann, mean_interval, ratio_interval, shares
 from highd_lc.vocab import names
+from highd_lc.vocab.policy import PAIRS
 from highd_lc.vocab.sections import StatisticsSettings
 from highd_lc.vocab.tables import TABLES
 
 FloatArray = NDArray[np.float64]
 
-PAIR_OF_FORM = {
-    names.FIXED: names.FIXED_POLICIES,
-    names.FREE: names.FREE_POLICIES,
-}
-"""The policies that each form compares: benchmark, local optimum."""
-PAIR_OF_START_FORM = {
-    names.START: names.START_POLICIES,
-    names.FREE_START: names.FREE_START_POLICIES,
-}
-"""The same with a chosen start; planned on a sample of the events by default."""
 _COMPARED = (
-    (names.LOCAL_OPTIMUM, names.BENCHMARK),
-    (names.LOCAL_OPTIMUM_FREE, names.BENCHMARK_FREE),
-    (names.LOCAL_OPTIMUM_START, names.BENCHMARK_START),
-    (names.LOCAL_OPTIMUM_FREE_START, names.BENCHMARK_FREE_START),
+    *((local, benchmark) for benchmark, local in PAIRS.values()),
     (names.BENCHMARK_START, names.BENCHMARK),
     (names.LOCAL_OPTIMUM_START, names.LOCAL_OPTIMUM),
     (names.LOCAL_OPTIMUM, names.HUMAN),
@@ -166,7 +154,7 @@ def validation_matrix(
     bootstrap = Bootstrap(settings.bootstrap, settings.confidence, seed)
     members = strata(events)
     rows = []
-    for form, (benchmark, local) in (PAIR_OF_FORM | PAIR_OF_START_FORM).items():
+    for form, (benchmark, local) in PAIRS.items():
         for accounting in names.ACCOUNTINGS:
             pair = losses.pair(accounting, local, benchmark)
             if pair.empty:

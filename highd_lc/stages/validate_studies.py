@@ -29,16 +29,15 @@ from highd_lc.scoring.uncertainty import (
     with_recorded,
     with_replanning,
 )
-from highd_lc.stages.statistics import PAIR_OF_FORM, PAIR_OF_START_FORM
 from highd_lc.tracking.plan_tracking import PlanTracker
 from highd_lc.vocab import names
+from highd_lc.vocab.policy import OPTIMAL_POLICIES, PAIRS, POLICIES
 from highd_lc.vocab.sections import StatisticsSettings, StudySettings
 from highd_lc.vocab.tables import TABLES
 from highd_lc.vocab.tables.studies import (
     DRAWN,
     IDM_MOTORWAY,
     KNOWLEDGE,
-    OPTIMAL_POLICIES,
     RECORDED,
     SECOND_OPINIONS,
 )
@@ -56,8 +55,7 @@ STUDY_TABLES = (
     "foresight",
 )
 """The parts that are written for each recording."""
-PAIRS = PAIR_OF_FORM | PAIR_OF_START_FORM
-COUNTERPART = {one: other for pair in PAIRS.values() for one, other in (pair, pair[::-1])}
+COUNTERPART = {policy: POLICIES[policy].counterpart for policy in OPTIMAL_POLICIES}
 """The policy that each optimal one is compared with."""
 
 
@@ -110,15 +108,15 @@ class Study:
     @property
     def forms(self) -> list[str]:
         """The forms that were planned, without those whose start is chosen."""
-        return self._planned(PAIR_OF_FORM)
+        return self._planned(names.FORMS)
 
     @property
     def start_forms(self) -> list[str]:
         """The forms that were planned whose start is chosen: none if it is not chosen in this event."""
-        return self._planned(PAIR_OF_START_FORM)
+        return self._planned(names.START_FORMS)
 
-    def _planned(self, pairs: dict[str, tuple[str, str]]) -> list[str]:
-        return [form for form, (benchmark, _) in pairs.items() if (benchmark, names.EQUAL) in self.optimal]
+    def _planned(self, forms: Sequence[str]) -> list[str]:
+        return [form for form in forms if (PAIRS[form][0], names.EQUAL) in self.optimal]
 
     @property
     def solvable(self) -> bool:
@@ -226,7 +224,7 @@ def horizon_rows(study: Study) -> Iterator[Row]:
         for form in study.forms:
             for accounting in names.ACCOUNTINGS:
                 row: Row = {"horizon_s": horizon, "form": form, "accounting": accounting}
-                for policy, word in zip(PAIR_OF_FORM[form], ("benchmark", "local"), strict=True):
+                for policy, word in zip(PAIRS[form], ("benchmark", "local"), strict=True):
                     av, hv = found[policy, accounting]
                     row |= {f"loss_av_{word}": av, f"loss_hv_{word}": hv}
                 yield row

@@ -33,13 +33,14 @@ ACCOUNTINGS: Final = {
 class Policy:
     """Who plans a motion (equations.md 6).
 
-    form: end speed fixed or free; "" for a reference, which is not searched. minds: whether the followers' loss
-    counts beside the AV's (omega_AV below 1). chooses_start: whether moment and gap are unknowns as well.
+    form: end speed fixed or free; "" for a reference, which is not searched. weighs_followers: whether the
+    followers' loss counts beside the AV's (omega_AV below 1). chooses_start: whether moment and gap are unknowns
+    as well.
     """
 
     name: str
     form: str = ""
-    minds: bool = False
+    weighs_followers: bool = False
     chooses_start: bool = False
 
     @property
@@ -47,16 +48,34 @@ class Policy:
         """Whether the planner looks for its motion."""
         return bool(self.form)
 
+    @property
+    def comparison(self) -> str:
+        """Its form in the tables, the choice of the start included; "" for a reference."""
+        return _FORM_OF_START[self.form] if self.chooses_start else self.form
+
     def omega_av(self, joint: float) -> float:
-        """Weight of the AV; joint: that of the policies that mind their followers."""
-        return joint if self.minds else 1.0
+        """Weight of the AV's loss. joint: that of the policies that weigh their followers' loss as well."""
+        return joint if self.weighs_followers else 1.0
 
     @property
     def counterpart(self) -> str:
-        """The policy of the same form that minds nobody, with which one that minds its followers is compared."""
-        return self.name.replace(names.LOCAL_OPTIMUM, names.BENCHMARK) if self.minds else ""
+        """With which policy of the same form it is compared: benchmark with local optimum; "" for a reference."""
+        pair = (names.BENCHMARK, names.LOCAL_OPTIMUM)
+        mine, other = pair[::-1] if self.weighs_followers else pair
+        return self.name.replace(mine, other) if self.searched else ""
+
+    @property
+    def without_choice(self) -> str:
+        """The policy of the same form and weight whose manoeuvre starts at t_start, into the recorded gap."""
+        return next(
+            other.name
+            for other in POLICIES.values()
+            if not other.chooses_start
+            and (other.form, other.weighs_followers) == (self.form, self.weighs_followers)
+        )
 
 
+_FORM_OF_START: Final = {names.FIXED: names.START, names.FREE: names.FREE_START}
 POLICIES: Final = {
     policy.name: policy
     for policy in (
@@ -64,12 +83,21 @@ POLICIES: Final = {
         Policy(names.CONSTANT),
         Policy(names.HUMAN),
         Policy(names.BENCHMARK, names.FIXED),
-        Policy(names.LOCAL_OPTIMUM, names.FIXED, minds=True),
+        Policy(names.LOCAL_OPTIMUM, names.FIXED, weighs_followers=True),
         Policy(names.BENCHMARK_FREE, names.FREE),
-        Policy(names.LOCAL_OPTIMUM_FREE, names.FREE, minds=True),
+        Policy(names.LOCAL_OPTIMUM_FREE, names.FREE, weighs_followers=True),
         Policy(names.BENCHMARK_START, names.FIXED, chooses_start=True),
-        Policy(names.LOCAL_OPTIMUM_START, names.FIXED, minds=True, chooses_start=True),
+        Policy(names.LOCAL_OPTIMUM_START, names.FIXED, weighs_followers=True, chooses_start=True),
         Policy(names.BENCHMARK_FREE_START, names.FREE, chooses_start=True),
-        Policy(names.LOCAL_OPTIMUM_FREE_START, names.FREE, minds=True, chooses_start=True),
+        Policy(names.LOCAL_OPTIMUM_FREE_START, names.FREE, weighs_followers=True, chooses_start=True),
     )
 }
+
+OPTIMAL_POLICIES: Final = tuple(name for name, policy in POLICIES.items() if policy.searched)
+"""Whose motions are searched."""
+CHOOSING_START: Final = tuple(name for name, policy in POLICIES.items() if policy.chooses_start)
+"""Of these, those that choose when to start and into which gap."""
+PAIRS: Final = {
+    policy.comparison: (policy.counterpart, policy.name) for policy in POLICIES.values() if policy.weighs_followers
+}
+"""The policies that each form compares: benchmark, local optimum."""

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from highd_lc.vocab import names
+from highd_lc.vocab.policy import POLICIES
 
 
 @dataclass(frozen=True)
@@ -26,13 +27,17 @@ class Published:
         """Weight of the AV behind it: 1 of the benchmark, 0.5 of the local optimum unless another is given."""
         if self.omega_given is not None:
             return self.omega_given
-        return 1.0 if self.policy == names.BENCHMARK else 0.5
+        return POLICIES[self.policy].omega_av(_JOINT)
 
     @property
     def key(self) -> str:
         """Scenario, policy and quantity in one word."""
-        weight = "" if self.omega_given is None else f"@{self.omega_given:g}"
-        return f"{self.scenario}:{self.policy}{weight}:{self.quantity}"
+        return _key(self.scenario, self.policy, self.quantity, self.omega_given)
+
+
+def _key(scenario: str, policy: str, quantity: str, omega: float | None) -> str:
+    weight = "" if omega is None else f"@{omega:g}"
+    return f"{scenario}:{policy}{weight}:{quantity}"
 
 
 @dataclass(frozen=True)
@@ -43,6 +48,10 @@ class Totals:
     distance: float
 
 
+LOWEST_OMEGA: Final = 0.1
+"""The lowest weight of the AV that the paper prints losses of."""
+_JOINT: Final = 0.5
+"""The weight of the AV of its local optimum where none is printed."""
 _BENCHMARK, _LOCAL = names.BENCHMARK, names.LOCAL_OPTIMUM
 
 SCENARIO_1: Final = (
@@ -61,8 +70,8 @@ SCENARIO_1: Final = (
     Published("1", _BENCHMARK, "hv1_v_min", 15.47, "m/s"),
     Published("1", _BENCHMARK, "min_time_headway_s", 0.42, "s", "10 m at 25 m/s are 0.40 s already"),
     Published("1", _LOCAL, "av_v_max", 28.11, "m/s"),
-    Published("1", _LOCAL, "loss_av", 36.79, note="omega_AV = 0.1 (figure 11)", omega_given=0.1),
-    Published("1", _LOCAL, "loss_hv", 14.14, note="omega_AV = 0.1 (figure 11)", omega_given=0.1),
+    Published("1", _LOCAL, "loss_av", 36.79, note="omega_AV = 0.1 (figure 11)", omega_given=LOWEST_OMEGA),
+    Published("1", _LOCAL, "loss_hv", 14.14, note="omega_AV = 0.1 (figure 11)", omega_given=LOWEST_OMEGA),
 )
 """Scenario 1: losses, travel time, speeds."""
 
@@ -97,8 +106,13 @@ SCENARIO_3: Final = (
     Published("3", _BENCHMARK, "loss_total", 70.28),
     Published("3", _LOCAL, "loss_total", 67.52),
 )
+"""Losses of scenario 3."""
+SCENARIO_3_SPACINGS: Final = (24.23, 59.73, 107.26)
+"""Front to front from each follower to the AV at t_start [m]."""
+SCENARIO_3_SPEED_DIFFERENCES: Final = (5.27, 5.43, 4.56)
+"""Speed of each follower minus the AV's at t_start [m/s]."""
 SCENARIO_3_WEIGHTS: Final = (0.48, 0.32, 0.20)
-"""Losses and followers' weights of scenario 3."""
+"""Weights of the followers."""
 
 TABLE_1: Final = {
     ("2_15", _BENCHMARK): (
@@ -132,8 +146,9 @@ TABLE_1_TOTALS: Final = {
 }
 """Its printed totals."""
 
-RECTANGLE_AREA: Final = 225.0 * 15.0
-"""|A| of the paper [m s]."""
+RECTANGLE_HEIGHT: Final = 225.0
+RECTANGLE_DURATION: Final = 15.0
+"""Length of road [m] and time [s] of the rectangle behind Tables 1 and 2; |A| is their product."""
 
 TABLE_1_NUMBERS: Final = tuple(
     Published(scenario, policy, f"{quantity} {rank}", value, unit, "Table 1")
@@ -145,3 +160,9 @@ TABLE_1_NUMBERS: Final = tuple(
 
 PUBLISHED: Final = SCENARIO_1 + SCENARIO_2 + SCENARIO_3 + TABLE_1_NUMBERS
 """Every printed result of the scenarios."""
+_BY_KEY: Final = {number.key: number for number in PUBLISHED}
+
+
+def printed(scenario: str, policy: str, quantity: str, *, omega: float | None = None) -> float:
+    """A printed number. omega: weight of the AV where one other than the policy's is given. Raises KeyError."""
+    return _BY_KEY[_key(scenario, policy, quantity, omega)].value

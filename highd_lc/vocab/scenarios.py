@@ -4,6 +4,10 @@ from typing import Annotated, Literal
 
 from pydantic import Field, ValidationError, model_validator
 
+from highd_lc.vocab import names
+from highd_lc.vocab.driver import TABLE3_MEANS
+from highd_lc.vocab.policy import PAIRS, POLICIES
+from highd_lc.vocab.published import RECTANGLE_DURATION, RECTANGLE_HEIGHT
 from highd_lc.vocab.settings import (
     ConstraintSettings,
     FollowerSettings,
@@ -42,7 +46,9 @@ class ScenarioOptions(Section):
         Literal["desired", "one-sided", "own"],
         Field(description="what a speed is compared with (equations.md 4.2)"),
     ] = "desired"
-    v_ref_av: Annotated[Speed, Field(description="reference speed of the AV [m/s] (equations.md 4.2)")] = 33.54
+    v_ref_av: Annotated[Speed, Field(description="reference speed of the AV [m/s] (equations.md 4.2)")] = (
+        TABLE3_MEANS.v_desire
+    )
     v_desire: Annotated[
         Speed, Field(description="desired speed of the followers [m/s] (paper: 25; 29.13 has 44 m in equilibrium)")
     ] = 25.0
@@ -106,8 +112,10 @@ class RectangleSettings(Section):
     top_m: Annotated[
         float, Field(description="downstream border ahead of HV_1's front at t_start [m] (its 147 m in Table 1)")
     ] = 147.2
-    height_m: Annotated[Metres, Field(description="length of road [m] (paper: 225)")] = 225.0
-    duration_s: Annotated[float, Field(gt=0, le=1000, description="time from t_start on [s] (paper: 15)")] = 15.0
+    height_m: Annotated[Metres, Field(description="length of road [m] (paper: 225)")] = RECTANGLE_HEIGHT
+    duration_s: Annotated[float, Field(gt=0, le=1000, description="time from t_start on [s] (paper: 15)")] = (
+        RECTANGLE_DURATION
+    )
 
 
 class MapSettings(Section):
@@ -141,7 +149,7 @@ class PrintedState(Section):
     ] = 2.32
     target_gap_m: Annotated[Metres, Field(description="gap between target leader and HV_1 [m]")] = 91.07
     av_speeds: Annotated[tuple[Speed, ...], Field(min_length=1, description="free axis: speed of the AV [m/s]")]
-    v_ref: Annotated[Speed, Field(description="reference speed and N_e [m/s]")] = 33.54
+    v_ref: Annotated[Speed, Field(description="reference speed and N_e [m/s]")] = TABLE3_MEANS.v_desire
     v_max: Annotated[Speed, Field(description="highest speed [m/s] (HighD: 50)")] = 50.0
     default_av_speed: Annotated[Speed, Field(description="speed of the AV in the ledger's default [m/s]")] = 25.0
 
@@ -222,6 +230,11 @@ class ScenarioSettings(Section):
     def with_options(self, changes: Changes) -> ScenarioOptions:
         """The default options with some changed. Raises pydantic's ValidationError if one is not allowed."""
         return ScenarioOptions.model_validate(self.options.model_dump() | changes)
+
+    @property
+    def weights(self) -> dict[str, float]:
+        """omega_AV by policy: benchmark, local optimum."""
+        return {policy: POLICIES[policy].omega_av(self.loss.omega_av) for policy in PAIRS[names.FIXED]}
 
     def planning(self, options: ScenarioOptions) -> ValidateSettings:
         """The planner's settings under these options."""

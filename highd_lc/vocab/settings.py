@@ -5,6 +5,7 @@ from typing import Annotated, Literal
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from highd_lc.vocab import names
+from highd_lc.vocab.driver import TABLE3_MEANS
 from highd_lc.vocab.sections import RecorderSettings, StatisticsSettings, StudySettings
 from highd_lc.vocab.tracking import TrackingSettings
 
@@ -162,10 +163,16 @@ class CalibrateSettings(Section):
 class LossSettings(Section):
     """Losses (equations.md 4)."""
 
-    v_ref_av: Annotated[float, Field(gt=0, le=100, description="reference speed of the AV [m/s]")] = 33.54
-    v_ref_hv: Annotated[float, Field(gt=0, le=100, description="reference speed of the followers [m/s]")] = 33.54
+    v_ref_av: Annotated[float, Field(gt=0, le=100, description="reference speed of the AV [m/s]")] = (
+        TABLE3_MEANS.v_desire
+    )
+    v_ref_hv: Annotated[float, Field(gt=0, le=100, description="reference speed of the followers [m/s]")] = (
+        TABLE3_MEANS.v_desire
+    )
     comfort_scale: Annotated[float, Field(gt=0, description="N_c: divides the comfort sums [m/s^3]")] = 8.0
-    efficiency_scale: Annotated[float, Field(gt=0, description="N_e: divides the efficiency sums [m/s]")] = 33.54
+    efficiency_scale: Annotated[float, Field(gt=0, description="N_e: divides the efficiency sums [m/s]")] = (
+        TABLE3_MEANS.v_desire
+    )
     reference: Annotated[
         Literal["desired", "one-sided", "own"],
         Field(description="|v - v_ref|; only below v_ref; v_ref = speed at t_start"),

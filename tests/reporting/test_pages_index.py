@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 from sample_run import sample_run
 
-from highd_lc.reporting.event import PAIRS
 from highd_lc.reporting.pages_index import CELLS, STATUSES, index_page, index_payload
 from highd_lc.vocab import names
+from highd_lc.vocab.policy import PAIRS
 
 
 def payload_of(page: str) -> dict:
@@ -30,7 +30,7 @@ def test_gains_are_those_of_the_losses(cell):
     values = index_payload(run)["values"]["/".join(cell)]
     losses = run.losses[run.losses["accounting"] == accounting].set_index(["event_id", "policy"])["loss_total"]
     for event_id, gain in zip(run.events["event_id"], values["gain"], strict=True):
-        local, benchmark = (losses[event_id, policy] for policy in PAIRS[form])
+        benchmark, local = (losses[event_id, policy] for policy in PAIRS[form])
         if np.isfinite(local):
             assert gain == pytest.approx(100 * (1 - local / benchmark), abs=6e-4)
         else:

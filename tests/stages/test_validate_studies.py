@@ -9,6 +9,7 @@ from running import validated
 
 from highd_lc.io import artefacts
 from highd_lc.vocab import names
+from highd_lc.vocab.policy import PAIRS
 from highd_lc.vocab.settings import Settings
 from highd_lc.vocab.tables.studies import STUDY_TABLES
 
@@ -26,12 +27,6 @@ SETTINGS = Settings.model_validate(
     }
 )  # fmt: skip
 KEY = ["event_id", "policy", "accounting"]
-PAIRS = {
-    names.FIXED: names.FIXED_POLICIES,
-    names.FREE: names.FREE_POLICIES,
-    names.START: names.START_POLICIES,
-    names.FREE_START: names.FREE_START_POLICIES,
-}
 
 
 @pytest.fixture(scope="module")

@@ -3,6 +3,7 @@
 from typing import Final
 
 from highd_lc.vocab import names
+from highd_lc.vocab.policy import CHOOSING_START, OPTIMAL_POLICIES, PAIRS
 from highd_lc.vocab.tables.columns import Column, Table, count, number, word
 from highd_lc.vocab.tracking import PLANTS
 
@@ -19,16 +20,9 @@ SWEEP: Final = "sweep"
 TOGETHER: Final = "together"
 """In ``worse_for_somebody``: AV and followers together, not one follower."""
 
-OPTIMAL_POLICIES: Final = (
-    *names.FIXED_POLICIES,
-    *names.FREE_POLICIES,
-    *names.START_POLICIES,
-    *names.FREE_START_POLICIES,
-)
-
 _RECORDING = Column("recording_id", "int64", "number in the recording's file name", minimum=0)
 _EVENT = word("event_id", "RR-VVVV-FFFFF: recording, ego, crossing frame")
-_FORM = word("form", "fixed or free end speed", (*names.FORMS, *names.START_FORMS))
+_FORM = word("form", "fixed or free end speed", tuple(PAIRS))
 _ACCOUNTING = word("accounting", "over which time each side is charged", names.ACCOUNTINGS)
 _FOLLOWER_MODEL = word("followers", "follower model that planned and scored; the default one first")
 _OMEGA = number("omega_av", "weight of the AV in the joint objective", minimum=0, maximum=1)
@@ -304,7 +298,7 @@ START_MAP = Table(
     "policy with a chosen start, accounting, and tile of spacing and speed difference (both null: all events)",
     ("policy", "accounting", "spacing_low_m", "closing_low_mps"),
     (
-        word("policy", "whose start is chosen", (*names.START_POLICIES, *names.FREE_START_POLICIES)),
+        word("policy", "whose start is chosen", CHOOSING_START),
         _ACCOUNTING,
         *_TILE,
         number("share_events", "share of these events: the density of real lane changes", minimum=0, maximum=1),

@@ -7,6 +7,7 @@ from typing import Final
 
 from highd_lc.vocab import names
 from highd_lc.vocab.driver import PARAMETERS
+from highd_lc.vocab.policy import PAIRS
 from highd_lc.vocab.tables.columns import Column, Table, count, number, word
 
 BELIEVED: Final = "believed"
@@ -75,7 +76,6 @@ FIT_TABLES: Final = (FOLLOWER_TRACKS, IDENTIFIABILITY, POOLING)
 
 
 _POLICY = word("policy", "who planned the motion (equations.md 6)", names.POLICIES)
-_FORMS = (*names.FORMS, *names.START_FORMS)
 _ACCOUNTING = word("accounting", "over which time each side is charged", names.ACCOUNTINGS)
 _FOLLOWER_MODEL = word("followers", "follower model that planned and scored; the default one first")
 
@@ -85,7 +85,7 @@ VALIDATION_MATRIX = Table(
     ("followers", "form", "accounting", "stratum"),
     (
         _FOLLOWER_MODEL,
-        word("form", "fixed or free end speed; start, free_start: with a chosen start", _FORMS),
+        word("form", "fixed or free end speed; start, free_start: with a chosen start", tuple(PAIRS)),
         _ACCOUNTING,
         word("stratum", "all, or a class of one stratification"),
         count("n_events", "events in the stratum, infeasible ones included"),
