@@ -28,7 +28,7 @@ from tracking_cases import (
 )
 
 from highd_lc.tracking.multibody import SERVO, SUBSTEPS, MultiBodyPlant, track_multibody
-from highd_lc.tracking.plan_tracking import loss_av, motion_of, planned_motion, tracked_motion
+from highd_lc.tracking.plan_tracking import SampledMotion, loss_av, planned_motion, tracked_motion
 from highd_lc.vocab.tracking import KINEMATIC, MULTI_BODY, PLANTS, Reference, TrackingSettings
 
 SEED = 1
@@ -180,7 +180,7 @@ def weaving(speed: float = 25.0) -> str:
     for _ in range(101):
         velocity.append(car.velocity())
         car.advance(np.array([speed, 0.0]), 0.1)
-    motion = motion_of(np.array(velocity), 0.1)
+    motion = SampledMotion(0.1, np.array(velocity))
     comfort = loss_av(motion, **LOSS).comfort
     return IN_PIPELINE.format(speed=speed, acceleration=np.abs(motion.acceleration[:, 1]).max(), comfort=comfort)
 

@@ -4,10 +4,27 @@ Sums run over the samples t_k = k dt, both ends included. Cumulative sums are re
 every accounting: the value at index k is the loss charged over 0 .. t_k.
 """
 
+from dataclasses import dataclass
+from typing import Generic, TypeVar
+
 import numpy as np
 from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
+Value = TypeVar("Value", float, FloatArray)
+
+
+@dataclass(frozen=True)
+class Charge(Generic[Value]):
+    """What a side is charged: its normalised comfort and efficiency, numbers or arrays of one shape."""
+
+    comfort: Value
+    efficiency: Value
+
+    @property
+    def loss(self) -> Value:
+        """0.5 comfort + 0.5 efficiency (equation 7)."""
+        return 0.5 * self.comfort + 0.5 * self.efficiency
 
 
 def speed_difference(v: FloatArray, v_ref: float, *, one_sided: bool = False) -> FloatArray:

@@ -7,7 +7,6 @@ does not say what its 10 m are; both readings are driven.
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -21,7 +20,7 @@ from highd_lc.scenarios.run import Cell, Outcome, Planned, drive_plan, plan_situ
 from highd_lc.scoring import charges
 from highd_lc.tracking.closed_loop import track
 from highd_lc.tracking.multibody import track_multibody
-from highd_lc.tracking.plan_tracking import SampledMotion, motion_of, plan_reference
+from highd_lc.tracking.plan_tracking import SampledMotion, plan_reference, planned_motion, tracked_motion
 from highd_lc.vocab import names
 from highd_lc.vocab.scenarios import ScenarioSettings
 from highd_lc.vocab.tracking import KINEMATIC, MULTI_BODY, TrackingResult
@@ -78,15 +77,6 @@ def _clearance(outcome: Outcome) -> float:
 FloatArray = NDArray[np.float64]
 
 
-@dataclass(frozen=True)
-class _AvPath:
-    """A sampled path: x, y [m], shape (n + 1,), velocity along and across the road [m/s], shape (n + 1, 2)."""
-
-    x: FloatArray
-    y: FloatArray
-    velocity: FloatArray
-
-
 PLANNED = "planned"
 
 
@@ -103,9 +93,8 @@ def tracking_rows(planned: Planned, settings: ScenarioSettings) -> list[Row]:
 def _rows_of_plan(planned: Planned, plan: Quintic, settings: ScenarioSettings) -> Iterator[Row]:
     dt = settings.vehicle.dt_s
     reference = plan_reference(plan, dt)
-    velocity = np.column_stack([reference.xdot, reference.ydot])
-    motion = _AvPath(reference.x, reference.y, velocity)
-    yield {"plant": PLANNED, "status": "planned"} | _losses(planned, motion, settings)
+    path = np.column_stack([reference.x, reference.y])
+    yield {"plant": PLANNED, "status": "planned"} | _losses(planned, path, planned_motion(reference), settings)
     kinematic = track(reference, wheelbase=settings.vehicle.wheelbase_m, settings=settings.tracking)
     yield {"plant": KINEMATIC} | _tracked(planned, kinematic, settings)
     heavy = track_multibody(reference, settings=settings.tracking)
@@ -113,19 +102,18 @@ def _rows_of_plan(planned: Planned, plan: Quintic, settings: ScenarioSettings) -
 
 
 def _tracked(planned: Planned, result: TrackingResult, settings: ScenarioSettings) -> Row:
-    path = _AvPath(result.states[:, 0], result.states[:, 1], result.velocity)
     errors = {
         "status": result.status,
         "max_lateral_m": result.max_lateral_m,
         "max_longitudinal_m": float(np.abs(result.errors[:, 0]).max()),
     }
-    return errors | _losses(planned, path, settings)
+    return errors | _losses(planned, result.states[:, :2], tracked_motion(result), settings)
 
 
-def _losses(planned: Planned, path: _AvPath, settings: ScenarioSettings) -> Row:
-    """Losses with the path as the AV's motion; its jerk by finite differences, of the plan as of the car."""
+def _losses(planned: Planned, path: FloatArray, motion: SampledMotion, settings: ScenarioSettings) -> Row:
+    """Losses with a motion as the AV's. path: x, y [m] at its samples, shape (n + 1, 2)."""
     problem, dt = planned.problem, settings.vehicle.dt_s
-    av = _av_motion(path, motion_of(path.velocity, dt), len(problem.packed.target_v))
+    av = _av_motion(path, motion, len(problem.packed.target_v))
     played = replay(av, problem.packed)
     losses = charges.cumulative_losses(played, problem.terms, problem.settings.loss, dt)
     charged = charges.losses_at(losses, settings.accounting, problem.terms, n=av.n, dt=dt)
@@ -133,10 +121,10 @@ def _losses(planned: Planned, path: _AvPath, settings: ScenarioSettings) -> Row:
     return row | {"hv1_v_min": float(played.v[0].min())}
 
 
-def _av_motion(path: _AvPath, motion: SampledMotion, samples: int) -> AvMotion:
-    n = min(len(path.x), samples) - 1
+def _av_motion(path: FloatArray, motion: SampledMotion, samples: int) -> AvMotion:
+    n = min(len(path), samples) - 1
     acceleration = np.append(motion.acceleration[:, 0], 0.0)
-    columns = (path.x, path.y, path.velocity[:, 0], path.velocity[:, 1], acceleration, np.abs(motion.jerk).sum(1))
+    columns = (*path.T, *motion.velocity.T, acceleration, motion.charged_jerk)
     padded = []
     for column in columns:
         whole = np.zeros(samples)

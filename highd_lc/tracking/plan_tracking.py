@@ -1,15 +1,12 @@
-"""The plans of an event as a car drives them under the MPC: everybody around the tracked motion, checked again.
+"""The plans of an event as a car drives them under the MPC: limits checked and losses computed again.
 
-The car carries the event's own box along the tracked rear axle, on either plant: what differs from the plan is the
-motion alone. The followers react to the motion that they see, which is the tracked one.
+The car carries the event's own box along the tracked rear axle, on either plant. The followers react to the
+tracked motion.
 
-What a closed loop drove, judged as a plan is: limits checked again and the AV's loss recomputed.
-
-The tracked motion is known by samples only, so its accelerations and jerks are finite differences: the
-acceleration between two samples is that of their velocities over dt, the jerk at a sample that of the two
-accelerations beside it. At both ends the acceleration is 0 (equations.md 2), half an interval away.
-``planned_motion`` samples a plan in the same way, so that planned against tracked compares motions and not ways
-of differencing.
+The tracked motion is known by samples only, so its accelerations and jerks are finite differences. The
+acceleration between two samples is the difference of their velocities over dt. The jerk at a sample is the
+difference of the two accelerations beside it over dt. At both ends the acceleration is 0 (equations.md 2), half an
+interval away. ``planned_motion`` samples a plan in the same way, so that both are differenced alike.
 """
 
 from dataclasses import dataclass
@@ -18,7 +15,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from highd_lc.core.losses import cumulative_comfort, cumulative_efficiency
+from highd_lc.core.losses import Charge, cumulative_comfort, cumulative_efficiency
 from highd_lc.core.quintic import Quintic, sample
 from highd_lc.planning.planner import Plan, PlanningProblem, clearance_margins
 from highd_lc.planning.replay import AvMotion, Replay, replay
@@ -36,47 +33,44 @@ FloatArray = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class SampledMotion:
-    """A motion by samples of dt [s]: speed [m/s], shape (n + 1,); acceleration [m/s^2] between the samples,
-
-    forward and lateral, shape (n, 2); jerk [m/s^3] at the samples, forward and lateral, shape (n + 1, 2).
-    """
+    """A motion by samples of dt [s]: velocity [m/s], forward and lateral, shape (n + 1, 2)."""
 
     dt: float
-    speed: FloatArray
-    acceleration: FloatArray
-    jerk: FloatArray
+    velocity: FloatArray
 
+    @cached_property
+    def speed(self) -> FloatArray:
+        """Speed [m/s], shape (n + 1,)."""
+        return np.hypot(self.velocity[:, 0], self.velocity[:, 1])
 
-@dataclass(frozen=True)
-class AvLoss:
-    """The AV's loss and its normalised terms (equations 5 to 7): loss = 0.5 comfort + 0.5 efficiency."""
+    @cached_property
+    def acceleration(self) -> FloatArray:
+        """Acceleration between the samples [m/s^2], forward and lateral, shape (n, 2)."""
+        return np.diff(self.velocity, axis=0) / self.dt
 
-    comfort: float
-    efficiency: float
+    @cached_property
+    def jerk(self) -> FloatArray:
+        """Jerk at the samples [m/s^3], forward and lateral, shape (n + 1, 2)."""
+        acceleration = self.acceleration
+        jerk = np.empty_like(self.velocity)
+        jerk[1:-1] = np.diff(acceleration, axis=0) / self.dt
+        jerk[0], jerk[-1] = 2.0 * acceleration[0] / self.dt, -2.0 * acceleration[-1] / self.dt
+        return jerk
 
     @property
-    def loss(self) -> float:
-        """0.5 comfort + 0.5 efficiency."""
-        return 0.5 * self.comfort + 0.5 * self.efficiency
-
-
-def motion_of(velocity: FloatArray, dt: float) -> SampledMotion:
-    """Accelerations and jerks of velocities [m/s], forward and lateral, shape (n + 1, 2), sampled at dt [s]."""
-    acceleration = np.diff(velocity, axis=0) / dt
-    jerk = np.empty_like(velocity)
-    jerk[1:-1] = np.diff(acceleration, axis=0) / dt
-    jerk[0], jerk[-1] = 2.0 * acceleration[0] / dt, -2.0 * acceleration[-1] / dt
-    return SampledMotion(dt, np.hypot(velocity[:, 0], velocity[:, 1]), acceleration, jerk)
+    def charged_jerk(self) -> FloatArray:
+        """|jx| + |jy| at the samples [m/s^3], shape (n + 1,) (equation 5)."""
+        return np.asarray(np.abs(self.jerk).sum(axis=1))
 
 
 def tracked_motion(result: TrackingResult) -> SampledMotion:
     """The motion that a closed loop drove."""
-    return motion_of(result.velocity, result.dt)
+    return SampledMotion(result.dt, result.velocity)
 
 
 def planned_motion(reference: Reference) -> SampledMotion:
     """The planned motion, known by its samples as the tracked one is."""
-    return motion_of(np.column_stack([reference.xdot, reference.ydot]), reference.dt)
+    return SampledMotion(reference.dt, np.column_stack([reference.xdot, reference.ydot]))
 
 
 def plan_reference(plan: Quintic, dt: float) -> Reference:
@@ -92,17 +86,15 @@ def loss_av(
     comfort_scale: float,
     efficiency_scale: float,
     one_sided: bool = False,
-    after: AvLoss | None = None,
-) -> AvLoss:
+) -> Charge[float]:
     """The AV's loss of a motion over its samples (equations 5 to 7; equations.md 4).
 
     v_ref: reference speed [m/s]; comfort_scale: N_c [m/s^3]; efficiency_scale: N_e [m/s]; one_sided: only slower
-    than v_ref counts; after: terms of the drive after T, where the accounting charges them (`equal`).
+    than v_ref counts.
     """
-    comfort = cumulative_comfort(np.abs(motion.jerk).sum(axis=1), scale=comfort_scale)[-1]
+    comfort = cumulative_comfort(motion.charged_jerk, scale=comfort_scale)[-1]
     efficiency = cumulative_efficiency(motion.speed, v_ref, scale=efficiency_scale, one_sided=one_sided)[-1]
-    rest = after or AvLoss(0.0, 0.0)
-    return AvLoss(float(comfort) + rest.comfort, float(efficiency) + rest.efficiency)
+    return Charge(float(comfort), float(efficiency))
 
 
 def violations(
@@ -209,7 +201,7 @@ class PlanTracker:
         clear = self.clearances(driven.plan, driven.replay) if driven.replay else {}
         return [*broken, *(name for name, value in clear.items() if value < 0.0)]
 
-    def loss_av(self, motion: SampledMotion) -> AvLoss:
+    def loss_av(self, motion: SampledMotion) -> Charge[float]:
         """The AV's loss of a sampled motion over 0 .. T."""
         terms, loss = self.problem.terms, self.problem.settings.loss
         return loss_av(
@@ -255,7 +247,7 @@ def tracked_av(planned: AvMotion, result: TrackingResult, motion: SampledMotion)
         "vx": forward * cos,
         "vy": forward * sin,
         "ax": np.append(motion.acceleration[:, 0], 0.0),
-        "jerk": np.abs(motion.jerk).sum(axis=1),
+        "jerk": motion.charged_jerk,
     }
     whole = {name: _replaced(getattr(planned, name), first, column) for name, column in columns.items()}
     # The human's car goes on as recorded from where it was driven to.

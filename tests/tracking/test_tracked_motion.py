@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 from tracking_plans import quintic_reference
 
+from highd_lc.core.losses import Charge
 from highd_lc.core.quintic import Quintic
 from highd_lc.tracking.closed_loop import track
 from highd_lc.tracking.plan_tracking import (
-    AvLoss,
+    SampledMotion,
     loss_av,
-    motion_of,
     plan_reference,
     planned_motion,
     tracked_motion,
@@ -47,16 +47,9 @@ def test_differences_converge_to_the_polynomials_jerk():
 
 
 def test_a_steady_motion_costs_efficiency_only():
-    motion = motion_of(np.tile([30.0, 0.0], (11, 1)), 0.1)
-    assert loss_av(motion, **SCALES) == AvLoss(0.0, pytest.approx(11 * 3.54 / 25.0))
+    motion = SampledMotion(0.1, np.tile([30.0, 0.0], (11, 1)))
+    assert loss_av(motion, **SCALES) == Charge(0.0, pytest.approx(11 * 3.54 / 25.0))
     assert loss_av(motion, **(SCALES | {"v_ref": 20.0}), one_sided=True).efficiency == 0.0
-
-
-def test_the_drive_after_the_manoeuvre_is_added():
-    motion = motion_of(np.tile([30.0, 0.0], (11, 1)), 0.1)
-    alone, more = loss_av(motion, **SCALES), loss_av(motion, **SCALES, after=AvLoss(2.0, 3.0))
-    assert (more.comfort, more.efficiency) == (alone.comfort + 2.0, alone.efficiency + 3.0)
-    assert more.loss == alone.loss + 2.5
 
 
 def test_tracked_motion_of_a_nominal_plan_costs_what_the_plan_costs():
@@ -70,7 +63,7 @@ def test_tracked_motion_of_a_nominal_plan_costs_what_the_plan_costs():
 
 def test_violations_are_named_with_their_worst_value():
     velocity = np.array([[4.0, 0.0], [5.0, 0.0], [6.0, 0.0], [31.0, 0.0]])
-    found = violations(motion_of(velocity, 0.1), **LIMITS)
+    found = violations(SampledMotion(0.1, velocity), **LIMITS)
     assert found["speed_min"] == 4.0
     assert found["speed_max"] == 31.0
     assert found["acceleration_x"] == pytest.approx(250.0)
@@ -78,6 +71,6 @@ def test_violations_are_named_with_their_worst_value():
 
 
 def test_a_motion_on_the_limit_is_no_violation():
-    assert violations(motion_of(np.tile([30.0, 0.0], (11, 1)), 0.1), **LIMITS) == {}
+    assert violations(SampledMotion(0.1, np.tile([30.0, 0.0], (11, 1))), **LIMITS) == {}
     ramp = np.column_stack([10.0 + 0.8 * np.arange(11), np.zeros(11)])
-    assert "acceleration_x" not in violations(motion_of(ramp, 0.1), **LIMITS)
+    assert "acceleration_x" not in violations(SampledMotion(0.1, ramp), **LIMITS)
