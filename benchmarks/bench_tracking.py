@@ -16,7 +16,7 @@ from scipy.optimize import minimize
 from tracking_cases import WHEELBASE, lane_change, nominal_plans
 
 from highd_lc.core.kinematics import bicycle_step
-from highd_lc.tracking.closed_loop import control, reference_rows, track, track_many
+from highd_lc.tracking.closed_loop import control, controller, reference_rows, track
 from highd_lc.tracking.controllers import MpcController
 from highd_lc.tracking.daqp_call import INFINITY
 from highd_lc.tracking.mpc import Qp, assemble, mpc_parameters, new_memory, solve_qp
@@ -133,7 +133,12 @@ def population() -> None:
     """The whole population on one core."""
     plans, wheelbases = population_plans(round(POPULATION * SHARE))
     wall, cpu = time.perf_counter(), time.process_time()
-    results = track_many(plans, wheelbases=wheelbases, settings=TrackingSettings())
+    settings = TrackingSettings()
+    shared = controller(settings, plans[0].dt)
+    results = [
+        track(plan, wheelbase=wheelbase, settings=settings, shared=shared)
+        for plan, wheelbase in zip(plans, wheelbases, strict=True)
+    ]
     wall, cpu = (time.perf_counter() - wall) / SHARE, (time.process_time() - cpu) / SHARE
     print(f"  {POPULATION} plans on one core: {wall:.1f} s, {cpu:.1f} s of CPU (asked: 20 s on two cores)")
     lateral = np.concatenate([result.errors[:, 1] for result in results])

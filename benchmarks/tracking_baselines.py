@@ -1,6 +1,7 @@
 """Baselines for the tracking MPC on the same plants: LQR with feedforward, and pure pursuit.
 
-Both know the bounds only as a clip: the car's limits cut what they order.
+Both know the bounds only as a clip: the car's limits cut what they order. ``track_kinematic`` drives the bicycle
+under any controller, one Python call a step.
 """
 
 import math
@@ -10,10 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solve_discrete_are
 
-from highd_lc.core.kinematics import error_model
-from highd_lc.tracking.controllers import Command
+from highd_lc.core.kinematics import bicycle_step, error_model_entries
+from highd_lc.tracking.closed_loop import Disturbance, invalid_result, noise_rows, reference_rows, summarise
+from highd_lc.tracking.controllers import Command, Controller, drive
 from highd_lc.tracking.mpc import mpc_parameters
-from highd_lc.vocab.tracking import TrackingSettings
+from highd_lc.vocab.tracking import Reference, TrackingResult, TrackingSettings
 
 FloatArray = NDArray[np.float64]
 
@@ -90,3 +92,55 @@ def clip(ordered: FloatArray, last_input: FloatArray, *, settings: TrackingSetti
     p = mpc_parameters(settings, dt)
     changed = np.clip(ordered, last_input - p.increment, last_input + p.increment)
     return np.clip(changed, p.input_lower, p.input_upper)
+
+
+def error_model(
+    v_r: float, phi_r: float, delta_r: float, *, dt: float, wheelbase: float
+) -> tuple[FloatArray, FloatArray]:
+    """A, shape (3, 3), and B, shape (3, 2), of equation 22; see ``error_model_entries``."""
+    a02, a12, b00, b10, b20, b21 = error_model_entries(v_r, phi_r, delta_r, dt, wheelbase)
+    A = np.array([[1.0, 0.0, a02], [0.0, 1.0, a12], [0.0, 0.0, 1.0]])
+    B = np.array([[b00, 0.0], [b10, 0.0], [b20, b21]])
+    return A, B
+
+
+@dataclass
+class KinematicPlant:
+    """The kinematic bicycle as a plant; start: pose at t = 0, shape (3,); wheelbase [m]."""
+
+    start: FloatArray
+    wheelbase: float
+
+    def pose(self) -> FloatArray:
+        """x, y [m], heading [rad], shape (3,)."""
+        return self.start
+
+    def velocity(self) -> None:
+        """None: the rear axle rolls as commanded."""
+
+    def advance(self, held: FloatArray, dt: float) -> None:
+        """The exact arc of the held input."""
+        x, y, phi = self.start
+        self.start = np.array(bicycle_step(x, y, phi, held[0], held[1], dt, self.wheelbase))
+
+
+def track_kinematic(
+    reference: Reference,
+    *,
+    controller: Controller,
+    wheelbase: float,
+    settings: TrackingSettings,
+    disturbance: Disturbance | None = None,
+) -> TrackingResult:
+    """Drive the kinematic bicycle along the reference under any controller; wheelbase [m] that it believes in.
+
+    With the MPC the same as ``closed_loop.track``, step by step in Python.
+    """
+    rows = reference_rows(reference, wheelbase, settings.horizon)
+    if not np.all(np.isfinite(rows)):
+        return invalid_result(reference)
+    given = disturbance or Disturbance()
+    plant = KinematicPlant(rows[0, :3] + np.array(given.offset), wheelbase * given.wheelbase_factor)
+    noise = noise_rows(given, reference.n_steps)
+    log, velocity = drive(plant, controller, rows=rows, noise=noise, dt=reference.dt)
+    return summarise(log, velocity, rows=rows, dt=reference.dt, settings=settings)

@@ -12,12 +12,12 @@ from functools import partial
 from itertools import product
 
 import numpy as np
-from tracking_baselines import LqrController, PurePursuit
+from tracking_baselines import LqrController, PurePursuit, track_kinematic
 
 from highd_lc.core.quintic import Quintic, sample
 from highd_lc.tracking import multibody
 from highd_lc.tracking.closed_loop import Disturbance, track
-from highd_lc.tracking.controllers import Controller, track_kinematic
+from highd_lc.tracking.controllers import Controller
 from highd_lc.tracking.multibody import track_multibody
 from highd_lc.tracking.plan_tracking import planned_motion, tracked_motion
 from highd_lc.vocab.tracking import (

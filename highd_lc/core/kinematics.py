@@ -225,24 +225,15 @@ def bicycle_step(
 def error_model_entries(
     v_r: float, phi_r: float, delta_r: float, dt: float, wheelbase: float
 ) -> tuple[float, float, float, float, float, float]:
-    """The six entries of A and B that are not 0 or 1: A[0, 2], A[1, 2], B[0, 0], B[1, 0], B[2, 0], B[2, 1]."""
+    """Of the error psi - psi_r one sample on: the entries of A and B that are not 0 or 1 (equation 22).
+
+    The linearisation at the reference (v_r [m/s], phi_r, delta_r [rad]), explicit Euler over dt [s]:
+    A = [[1, 0, -v_r sin(phi_r) dt], [0, 1, v_r cos(phi_r) dt], [0, 0, 1]],
+    B = [[cos(phi_r) dt, 0], [sin(phi_r) dt, 0], [tan(delta_r) dt / l, v_r dt / (l cos(delta_r)^2)]].
+    Returned: A[0, 2], A[1, 2], B[0, 0], B[1, 0], B[2, 0], B[2, 1].
+    """
     c, s = math.cos(phi_r), math.sin(phi_r)
     cos_delta = math.cos(delta_r)
     turn_by_v = math.tan(delta_r) * dt / wheelbase
     turn_by_delta = v_r * dt / (wheelbase * cos_delta * cos_delta)
     return -v_r * s * dt, v_r * c * dt, c * dt, s * dt, turn_by_v, turn_by_delta
-
-
-def error_model(
-    v_r: float, phi_r: float, delta_r: float, *, dt: float, wheelbase: float
-) -> tuple[FloatArray, FloatArray]:
-    """A, shape (3, 3), and B, shape (3, 2), of the error psi - psi_r one sample on (equation 22).
-
-    The linearisation at the reference (v_r [m/s], phi_r, delta_r [rad]), explicit Euler over dt [s]:
-    A = [[1, 0, -v_r sin(phi_r) dt], [0, 1, v_r cos(phi_r) dt], [0, 0, 1]],
-    B = [[cos(phi_r) dt, 0], [sin(phi_r) dt, 0], [tan(delta_r) dt / l, v_r dt / (l cos(delta_r)^2)]].
-    """
-    a02, a12, b00, b10, b20, b21 = error_model_entries(v_r, phi_r, delta_r, dt, wheelbase)
-    A = np.array([[1.0, 0.0, a02], [0.0, 1.0, a12], [0.0, 0.0, 1.0]])
-    B = np.array([[b00, 0.0], [b10, 0.0], [b20, b21]])
-    return A, B

@@ -199,15 +199,13 @@ class PoolingStudy:
     """Held-out errors of fits drawn to the pool with each strength.
 
     errors: closed-loop objective on the last third, shape (n followers, n strengths); fold: of each follower,
-    shape (n,); chosen: strength that the other folds chose for each fold; cross_validated: mean held-out error
-    with the chosen strengths.
+    shape (n,); chosen: strength that the other folds chose for each fold.
     """
 
     strengths: tuple[float, ...]
     errors: FloatArray
     fold: NDArray[np.int64]
     chosen: tuple[float, ...]
-    cross_validated: float
 
     @property
     def best_strength(self) -> float:
@@ -259,17 +257,13 @@ def _drawn(problem: FitProblem, starts: FloatArray, prior: Prior, own: FloatArra
 
 
 def _judge(errors: FloatArray, fold: NDArray[np.int64]) -> PoolingStudy:
-    chosen, found = [], []
-    for held in range(int(fold.max()) + 1):
-        place = int(np.argmin(errors[fold != held].mean(axis=0)))
-        chosen.append(STRENGTHS[place])
-        found.append(errors[fold == held, place])
-    return PoolingStudy(STRENGTHS, errors, fold, tuple(chosen), float(np.concatenate(found).mean()))
+    others = (errors[fold != held].mean(axis=0) for held in range(int(fold.max()) + 1))
+    return PoolingStudy(STRENGTHS, errors, fold, tuple(STRENGTHS[int(np.argmin(mean))] for mean in others))
 
 
 EVERYBODY: Final = ""
 """Key of the pool of all classes."""
-# Most fits of a pool that stand for election as its driver, and most tracks that elect.
+# A pool's driver is chosen among at most so many of its fits, judged on at most so many of its tracks.
 _ELECTORS = 300
 # Fewest fits of a class towards whose median its members are drawn; smaller ones are drawn to everybody's.
 _LEAST_CLASS = 3

@@ -149,11 +149,6 @@ class Response:
     gain: float
     frequency: float
 
-    @property
-    def stable(self) -> bool:
-        """Whether no frequency grows."""
-        return self.gain <= 1.0
-
 
 def response(v: float, parameters: FloatArray) -> Response | None:
     """Response of a driver who follows at v [m/s] in equilibrium; None from v_desire on. parameters: (6,)."""

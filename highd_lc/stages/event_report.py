@@ -150,7 +150,7 @@ def _track_trace(problem: PlanningProblem, policy: str, T: float, x_final: float
 
 @cache
 def _controller(settings: TrackingSettings, dt: float) -> Controller:
-    """One controller for all plans of a process, as in ``track_many``: every step overwrites its memory."""
+    """One controller for all plans of a process: every step overwrites its memory."""
     return controller(settings, dt)
 
 

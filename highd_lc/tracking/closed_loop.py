@@ -1,14 +1,11 @@
-"""What every closed loop shares: reference rows, disturbances, the log, and the figures drawn from it.
+"""Closed loop of the MPC on the kinematic bicycle, compiled from the measured error to the next state.
 
-Closed loop of the MPC on the kinematic bicycle, compiled from the measured error to the next state.
-
-``track`` drives one reference, ``track_many`` a batch; both run the same kernel, so that a plan's result does not
-depend on its neighbours. Every step measures, solves the QP, applies the first move and lets the nonlinear plant
-integrate. An unsolved QP holds the last input and is counted.
+``track`` drives one reference. Every step measures, solves the QP, applies the first move and lets the nonlinear
+plant integrate. An unsolved QP holds the last input and is counted. Reference rows, disturbances, the log and the
+figures made of it serve the step-by-step loop of ``controllers`` too.
 """
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -295,7 +292,10 @@ def track(
     car's ability, or one with numbers that are not finite, ends in a status.
     """
     shared = shared or controller(settings, reference.dt)
-    return _track(reference, wheelbase, disturbance or Disturbance(), settings=settings, shared=shared)
+    rows, log = _drive(reference, wheelbase, disturbance or Disturbance(), settings=settings, shared=shared)
+    if log is None:
+        return invalid_result(reference)
+    return summarise(log, bicycle_velocity(log), rows=rows, dt=reference.dt, settings=settings)
 
 
 def errors_and_inputs(
@@ -311,42 +311,6 @@ def errors_and_inputs(
         invalid = invalid_result(reference)
         return invalid.errors, invalid.inputs
     return tracking_errors(log.states, rows), log.inputs
-
-
-def track_many(
-    references: Sequence[Reference], *, wheelbases: Sequence[float], settings: TrackingSettings
-) -> list[TrackingResult]:
-    """``track`` for each reference with its wheelbase [m], in the same order; all have the same dt.
-
-    The plans share one controller's memory, which every step overwrites; the compiled part runs without the
-    interpreter's lock.
-    """
-    if len(references) != len(wheelbases):
-        raise ShapeError(f"{len(wheelbases)} wheelbases for {len(references)} references")
-    if len({reference.dt for reference in references}) > 1:
-        raise ShapeError(f"the references have intervals of {sorted({r.dt for r in references})} s; one is needed")
-    if not references:
-        return []
-    shared = controller(settings, references[0].dt)
-    nothing = Disturbance()
-    return [
-        _track(reference, wheelbase, nothing, settings=settings, shared=shared)
-        for reference, wheelbase in zip(references, wheelbases, strict=True)
-    ]
-
-
-def _track(
-    reference: Reference,
-    wheelbase: float,
-    disturbance: Disturbance,
-    *,
-    settings: TrackingSettings,
-    shared: Controller,
-) -> TrackingResult:
-    rows, log = _drive(reference, wheelbase, disturbance, settings=settings, shared=shared)
-    if log is None:
-        return invalid_result(reference)
-    return summarise(log, bicycle_velocity(log), rows=rows, dt=reference.dt, settings=settings)
 
 
 def _drive(

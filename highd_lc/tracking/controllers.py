@@ -1,8 +1,8 @@
-"""Any controller on any plant: the protocols, the generic closed loop, the MPC and the bicycle as parts of it.
+"""Any controller on any plant: the protocols, the generic closed loop, the MPC as a part of it.
 
 The loop asks a controller for an input at each sample and lets a plant carry it out. It is slower than
-``closed_loop.track``, which is the MPC on the bicycle compiled as a whole; it serves the multi-body car, the
-baselines and a second QP solver, and it is the twin that the compiled loop is tested against.
+``closed_loop.track``, which is the MPC on the bicycle compiled as a whole. It serves the multi-body car, the
+baselines and a second QP solver; the compiled loop is tested against it.
 """
 
 import math
@@ -12,16 +12,7 @@ from typing import Literal, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from highd_lc.core.kinematics import bicycle_step
-from highd_lc.tracking.closed_loop import (
-    Disturbance,
-    Log,
-    invalid_result,
-    new_log,
-    noise_rows,
-    reference_rows,
-    summarise,
-)
+from highd_lc.tracking.closed_loop import Log, new_log
 from highd_lc.tracking.mpc import (
     BOUNDS_PER_SAMPLE,
     STEERING_STOP,
@@ -32,7 +23,7 @@ from highd_lc.tracking.mpc import (
     new_memory,
     solve_qp,
 )
-from highd_lc.vocab.tracking import Reference, TrackingResult, TrackingSettings
+from highd_lc.vocab.tracking import TrackingSettings
 
 FloatArray = NDArray[np.float64]
 
@@ -72,26 +63,6 @@ class Plant(Protocol):
 
     def advance(self, held: FloatArray, dt: float) -> None:
         """Carry out v [m/s], delta [rad] for dt [s]."""
-
-
-@dataclass
-class KinematicPlant:
-    """The kinematic bicycle as a plant; start: pose at t = 0, shape (3,); wheelbase [m]."""
-
-    start: FloatArray
-    wheelbase: float
-
-    def pose(self) -> FloatArray:
-        """x, y [m], heading [rad], shape (3,)."""
-        return self.start
-
-    def velocity(self) -> None:
-        """None: the rear axle rolls as commanded."""
-
-    def advance(self, held: FloatArray, dt: float) -> None:
-        """The exact arc of the held input."""
-        x, y, phi = self.start
-        self.start = np.array(bicycle_step(x, y, phi, held[0], held[1], dt, self.wheelbase))
 
 
 @dataclass(frozen=True)
@@ -157,25 +128,3 @@ def _note(log: Log, order: Command, k: int) -> None:
         log.slack[k] = order.slack
         log.active_bounds[k] = len(solution.active)
         log.residual[k] = max(solution.stationarity, solution.feasibility, solution.complementarity)
-
-
-def track_kinematic(
-    reference: Reference,
-    *,
-    controller: Controller,
-    wheelbase: float,
-    settings: TrackingSettings,
-    disturbance: Disturbance | None = None,
-) -> TrackingResult:
-    """Drive the kinematic bicycle along the reference under any controller; wheelbase [m] that it believes in.
-
-    With the MPC the same as ``closed_loop.track``, step by step in Python.
-    """
-    rows = reference_rows(reference, wheelbase, settings.horizon)
-    if not np.all(np.isfinite(rows)):
-        return invalid_result(reference)
-    given = disturbance or Disturbance()
-    plant = KinematicPlant(rows[0, :3] + np.array(given.offset), wheelbase * given.wheelbase_factor)
-    noise = noise_rows(given, reference.n_steps)
-    log, velocity = drive(plant, controller, rows=rows, noise=noise, dt=reference.dt)
-    return summarise(log, velocity, rows=rows, dt=reference.dt, settings=settings)

@@ -132,17 +132,6 @@ class RecorderSettings(BaseModel):
     ] = 0.32
 
 
-FAULTLESS = RecorderSettings(
-    drivers="lcm",
-    wander_m=0,
-    position_noise_m=0,
-    detection_noise_m=0,
-    end_speed_error_mps=0,
-    acceleration_bias_mps2=0,
-)
-"""A camera without error and drivers by the LCM who hold their line: for tests of exact relations."""
-
-
 class StatisticsSettings(BaseModel):
     """Population statistics (equations.md 12)."""
 

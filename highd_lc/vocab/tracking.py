@@ -21,7 +21,6 @@ SOFTENED: Final = "softened"
 QP_FAILED: Final = "qp_failed"
 LOST: Final = "lost"
 INVALID_REFERENCE: Final = "invalid_reference"
-TRACKING_STATUSES: Final = (TRACKED, SOFTENED, QP_FAILED, LOST, INVALID_REFERENCE)
 
 # Plants.
 KINEMATIC: Final = "kinematic"
@@ -176,7 +175,8 @@ class TrackingSettings(BaseModel):
 class TrackingResult:
     """A closed loop over one reference at the samples 0 .. n of dt [s].
 
-    status: one of TRACKING_STATUSES; reason: what lies behind a status other than `tracked`.
+    status: ``tracked``, ``softened``, ``qp_failed``, ``lost`` or ``invalid_reference``; reason: of one other than
+    ``tracked``.
     states: x, y [m], heading [rad] of the rear axle, shape (n + 1, 3); inputs: speed [m/s] and steering angle
     [rad] commanded from each sample on, shape (n + 1, 2), the last at the end of the reference; velocity: of the
     rear axle along and across the road [m/s], shape (n + 1, 2); errors: longitudinal, lateral [m] and heading

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from tracking_baselines import error_model
 
-from highd_lc.core.kinematics import bicycle_step, error_model
+from highd_lc.core.kinematics import bicycle_step
 
 SPEEDS = st.floats(0.0, 60.0)
 ANGLES = st.floats(-1.0, 1.0)

@@ -5,9 +5,10 @@ import re
 import numpy as np
 import pandas as pd
 import pytest
+from made_traffic import FAULTLESS
 
 from highd_lc.io.synthetic import write_recording
-from highd_lc.vocab.sections import FAULTLESS, RecorderSettings
+from highd_lc.vocab.sections import RecorderSettings
 
 TRACKS = (
     "frame,id,x,y,width,height,xVelocity,yVelocity,xAcceleration,yAcceleration,frontSightDistance,"

@@ -5,10 +5,11 @@ from types import SimpleNamespace
 import numpy as np
 import pandas as pd
 import pytest
+from made_traffic import FAULTLESS
 
 from highd_lc.io.synthetic import simulate_recording, truth_of, write_recording
 from highd_lc.vocab.driver import PARAMETERS
-from highd_lc.vocab.sections import FAULTLESS, RecorderSettings
+from highd_lc.vocab.sections import RecorderSettings
 
 RATE = 25.0
 SECONDS = 200.0

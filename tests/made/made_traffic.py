@@ -1,10 +1,20 @@
-"""Small traffic as arrays: vehicles at constant speed on given lanes."""
+"""Small traffic as arrays: vehicles at constant speed on given lanes; a camera without error."""
 
 import numpy as np
 
 from highd_lc.extraction.track_index import TrackIndex, Traffic
+from highd_lc.vocab.sections import RecorderSettings
 
 RATE = 10.0
+FAULTLESS = RecorderSettings(
+    drivers="lcm",
+    wander_m=0,
+    position_noise_m=0,
+    detection_noise_m=0,
+    end_speed_error_mps=0,
+    acceleration_bias_mps2=0,
+)
+"""A camera without error and drivers by the LCM who hold their line: for tests of exact relations."""
 
 
 def traffic(vehicles, *, frames=100, entry=0.0, stop=1e9):

@@ -2,12 +2,11 @@
 
 import numpy as np
 import pytest
-from tracking_baselines import LqrController, PurePursuit, lqr_gain
+from tracking_baselines import LqrController, PurePursuit, error_model, lqr_gain, track_kinematic
 from tracking_plans import quintic_reference
 
-from highd_lc.core.kinematics import error_model
 from highd_lc.tracking.closed_loop import Disturbance, reference_rows
-from highd_lc.tracking.controllers import MpcController, bound_names, track_kinematic
+from highd_lc.tracking.controllers import MpcController, bound_names
 from highd_lc.vocab.tracking import INVALID_REFERENCE, TRACKED, Reference, TrackingSettings
 
 SETTINGS, WHEELBASE = TrackingSettings(), 2.7

@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.linalg import solve_discrete_are
+from tracking_baselines import error_model
 
-from highd_lc.core.kinematics import error_model
 from highd_lc.tracking.mpc import Qp, assemble, kkt_residuals, mpc_parameters, new_memory, solve, solve_qp
 from highd_lc.vocab.tracking import TrackingSettings
 

@@ -2,9 +2,10 @@
 
 import numpy as np
 import pytest
+from made_traffic import FAULTLESS
 
 from highd_lc.traffic.film import Film, film_carriageway
-from highd_lc.vocab.sections import FAULTLESS, RecorderSettings
+from highd_lc.vocab.sections import RecorderSettings
 
 MARKINGS = np.array([0.0, 3.7, 7.45, 11.2])
 KEY = (4, 1, 2)

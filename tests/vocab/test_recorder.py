@@ -1,9 +1,10 @@
 """The recorder's settings refuse what they do not know or cannot do."""
 
 import pytest
+from made_traffic import FAULTLESS
 from pydantic import ValidationError
 
-from highd_lc.vocab.sections import FAULTLESS, RecorderSettings
+from highd_lc.vocab.sections import RecorderSettings
 
 
 @pytest.mark.parametrize(
