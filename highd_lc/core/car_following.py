@@ -7,7 +7,7 @@ J = sum((a_sim - a_obs)^2 / max(|a_obs|, 0.1)) / sum |a_obs|. Both: equations.md
 
 Compiled simulation of a follower behind its recorded leader, for many parameter sets at once.
 
-Candidates (parameter sets) are the innermost axis, in tiles of ``LANES``. A tile's rows lie at offsets known to
+Candidates (parameter sets) are the innermost axis, in tiles of ``WIDTH``. A tile's rows lie at offsets known to
 the compiler in one flat array, so that LLVM needs no aliasing checks and vectorises the whole model step. The
 objectives are those of ``core.car_following``.
 """
@@ -25,7 +25,7 @@ from highd_lc.core.lcm import vector_exp
 
 FloatArray = NDArray[np.float64]
 
-LANES: Final = 256
+WIDTH: Final = 256
 """Candidates a tile."""
 TIME_STEP: Final = 0.1
 """Integration step of the car-following simulation [s] (equations.md 3)."""
@@ -34,13 +34,15 @@ ACCELERATION_FLOOR: Final = 0.1
 
 # Rows of a track array.
 LEADER_X, LEADER_V, X, V, A = range(5)
-# Values simulated at each sample, LANES candidates each.
+# Values simulated at each sample, WIDTH candidates each.
 SIM_V, SIM_X, SIM_A, SIM_COMMAND = range(4)
 SIMULATED = 4
-_NEXT = SIMULATED * LANES
+_NEXT = SIMULATED * WIDTH
 # Rows of a tile's scratch: parameters in the form that the model step uses, error sums.
 _INVERSE_V_DESIRE, _A, _HALF_INVERSE_b, _HALF_INVERSE_B, _TAU, _L, ERROR_1, ERROR_2 = range(8)
 _SCRATCH_ROWS = 8
+# Entries of a problem's weights.
+OF_SPACING, OF_SPEED, OF_ACCELERATION = range(3)
 
 
 class FitProblem(NamedTuple):
@@ -66,19 +68,19 @@ class FitProblem(NamedTuple):
 
 def new_scratch(n_samples: int) -> tuple[FloatArray, FloatArray]:
     """Scratch and state arrays for one tile of a track with n_samples samples."""
-    return np.empty(_SCRATCH_ROWS * LANES), np.empty(SIMULATED * (n_samples + 1) * LANES)
+    return np.empty(_SCRATCH_ROWS * WIDTH), np.empty(SIMULATED * (n_samples + 1) * WIDTH)
 
 
 @njit(cache=True, nogil=True, fastmath={"contract"}, error_model="numpy", **UNALIASED)
 def load_tile(parameters: FloatArray, first: int, width: int, scratch: FloatArray) -> None:
     """Put candidates first .. first + width of parameters (6, n) into the scratch, divisions done once."""
     for i in range(width):
-        scratch[_INVERSE_V_DESIRE * LANES + i] = 1.0 / parameters[0, first + i]
-        scratch[_A * LANES + i] = parameters[1, first + i]
-        scratch[_HALF_INVERSE_b * LANES + i] = 0.5 / parameters[2, first + i]
-        scratch[_HALF_INVERSE_B * LANES + i] = 0.5 / parameters[3, first + i]
-        scratch[_TAU * LANES + i] = parameters[4, first + i]
-        scratch[_L * LANES + i] = parameters[5, first + i]
+        scratch[_INVERSE_V_DESIRE * WIDTH + i] = 1.0 / parameters[0, first + i]
+        scratch[_A * WIDTH + i] = parameters[1, first + i]
+        scratch[_HALF_INVERSE_b * WIDTH + i] = 0.5 / parameters[2, first + i]
+        scratch[_HALF_INVERSE_B * WIDTH + i] = 0.5 / parameters[3, first + i]
+        scratch[_TAU * WIDTH + i] = parameters[4, first + i]
+        scratch[_L * WIDTH + i] = parameters[5, first + i]
 
 
 @njit(inline="always", fastmath={"contract"})
@@ -110,11 +112,11 @@ def _delay_commands(k: int, width: int, scratch: FloatArray, states: FloatArray)
     Before the first sample the driver is taken to have commanded what he commands at the first.
     """
     for i in range(width):
-        back = min(scratch[_TAU * LANES + i] / TIME_STEP, float(k))
+        back = min(scratch[_TAU * WIDTH + i] / TIME_STEP, float(k))
         whole = int(back)
-        recent = states[(k - whole) * _NEXT + SIM_COMMAND * LANES + i]
-        older = states[max(k - whole - 1, 0) * _NEXT + SIM_COMMAND * LANES + i]
-        states[k * _NEXT + SIM_A * LANES + i] = recent + (back - whole) * (older - recent)
+        recent = states[(k - whole) * _NEXT + SIM_COMMAND * WIDTH + i]
+        older = states[max(k - whole - 1, 0) * _NEXT + SIM_COMMAND * WIDTH + i]
+        states[k * _NEXT + SIM_A * WIDTH + i] = recent + (back - whole) * (older - recent)
 
 
 @njit(cache=True, nogil=True, fastmath={"contract"}, error_model="numpy", **UNALIASED)
@@ -128,44 +130,44 @@ def simulate_closed_loop(
     """
     n_samples = track.shape[1]
     for i in range(width):
-        states[SIM_V * LANES + i] = track[V, 0]
-        states[SIM_X * LANES + i] = track[X, 0]
-        scratch[ERROR_1 * LANES + i] = 0.0
-        scratch[ERROR_2 * LANES + i] = 0.0
+        states[SIM_V * WIDTH + i] = track[V, 0]
+        states[SIM_X * WIDTH + i] = track[X, 0]
+        scratch[ERROR_1 * WIDTH + i] = 0.0
+        scratch[ERROR_2 * WIDTH + i] = 0.0
     for k in range(n_samples):
         leader_x, leader_v = track[LEADER_X, k], track[LEADER_V, k]
         now = k * _NEXT
         x_recorded, v_recorded = track[X, k], track[V, k]
         for i in range(width):
-            v, x = states[now + SIM_V * LANES + i], states[now + SIM_X * LANES + i]
+            v, x = states[now + SIM_V * WIDTH + i], states[now + SIM_X * WIDTH + i]
             error_x, error_v = x - x_recorded, v - v_recorded
-            scratch[ERROR_1 * LANES + i] += error_x * error_x
-            scratch[ERROR_2 * LANES + i] += error_v * error_v
+            scratch[ERROR_1 * WIDTH + i] += error_x * error_x
+            scratch[ERROR_2 * WIDTH + i] += error_v * error_v
             a = _command(
                 v,
                 leader_x - x,
                 leader_v,
-                scratch[_INVERSE_V_DESIRE * LANES + i],
-                scratch[_A * LANES + i],
-                scratch[_HALF_INVERSE_b * LANES + i],
-                scratch[_HALF_INVERSE_B * LANES + i],
-                scratch[_TAU * LANES + i],
-                scratch[_L * LANES + i],
+                scratch[_INVERSE_V_DESIRE * WIDTH + i],
+                scratch[_A * WIDTH + i],
+                scratch[_HALF_INVERSE_b * WIDTH + i],
+                scratch[_HALF_INVERSE_B * WIDTH + i],
+                scratch[_TAU * WIDTH + i],
+                scratch[_L * WIDTH + i],
                 hardest,
             )
-            states[now + SIM_COMMAND * LANES + i] = a
-            states[now + SIM_A * LANES + i] = a
+            states[now + SIM_COMMAND * WIDTH + i] = a
+            states[now + SIM_A * WIDTH + i] = a
             x, v = advance(x, v, a, TIME_STEP)
-            states[now + _NEXT + SIM_V * LANES + i] = v
-            states[now + _NEXT + SIM_X * LANES + i] = x
+            states[now + _NEXT + SIM_V * WIDTH + i] = v
+            states[now + _NEXT + SIM_X * WIDTH + i] = x
         if delayed:
             _delay_commands(k, width, scratch, states)
             for i in range(width):
-                a = states[now + SIM_A * LANES + i]
-                x, v = states[now + SIM_X * LANES + i], states[now + SIM_V * LANES + i]
+                a = states[now + SIM_A * WIDTH + i]
+                x, v = states[now + SIM_X * WIDTH + i], states[now + SIM_V * WIDTH + i]
                 x, v = advance(x, v, a, TIME_STEP)
-                states[now + _NEXT + SIM_V * LANES + i] = v
-                states[now + _NEXT + SIM_X * LANES + i] = x
+                states[now + _NEXT + SIM_V * WIDTH + i] = v
+                states[now + _NEXT + SIM_X * WIDTH + i] = x
 
 
 @njit(cache=True, nogil=True, fastmath={"contract"}, error_model="numpy", **UNALIASED)
@@ -179,8 +181,8 @@ def simulate_open_loop(
     """
     n_samples = track.shape[1]
     for i in range(width):
-        scratch[ERROR_1 * LANES + i] = 0.0
-        scratch[ERROR_2 * LANES + i] = 0.0
+        scratch[ERROR_1 * WIDTH + i] = 0.0
+        scratch[ERROR_2 * WIDTH + i] = 0.0
     for k in range(n_samples):
         now = k * _NEXT
         v, leader_v, spacing = track[V, k], track[LEADER_V, k], track[LEADER_X, k] - track[X, k]
@@ -190,21 +192,21 @@ def simulate_open_loop(
                 v,
                 spacing,
                 leader_v,
-                scratch[_INVERSE_V_DESIRE * LANES + i],
-                scratch[_A * LANES + i],
-                scratch[_HALF_INVERSE_b * LANES + i],
-                scratch[_HALF_INVERSE_B * LANES + i],
-                scratch[_TAU * LANES + i],
-                scratch[_L * LANES + i],
+                scratch[_INVERSE_V_DESIRE * WIDTH + i],
+                scratch[_A * WIDTH + i],
+                scratch[_HALF_INVERSE_b * WIDTH + i],
+                scratch[_HALF_INVERSE_B * WIDTH + i],
+                scratch[_TAU * WIDTH + i],
+                scratch[_L * WIDTH + i],
                 hardest,
             )
-            states[now + SIM_COMMAND * LANES + i] = a
-            states[now + SIM_A * LANES + i] = a
+            states[now + SIM_COMMAND * WIDTH + i] = a
+            states[now + SIM_A * WIDTH + i] = a
         if delayed:
             _delay_commands(k, width, scratch, states)
         for i in range(width):
-            error = states[now + SIM_A * LANES + i] - recorded
-            scratch[ERROR_1 * LANES + i] += weight * error * error
+            error = states[now + SIM_A * WIDTH + i] - recorded
+            scratch[ERROR_1 * WIDTH + i] += weight * error * error
 
 
 @njit(cache=True, nogil=True, fastmath={"contract"}, error_model="numpy", **UNALIASED)
@@ -217,18 +219,20 @@ def evaluate_tile(
     states: FloatArray,
     objectives: FloatArray,
 ) -> None:
-    """Objective of candidates first .. first + width (at most LANES) of parameters (6, n) into objectives (n,)."""
+    """Objective of candidates first .. first + width (at most WIDTH) of parameters (6, n) into objectives (n,)."""
     load_tile(parameters, first, width, scratch)
     if problem.open_loop:
         simulate_open_loop(problem.track, width, problem.delayed, problem.hardest, scratch, states)
     else:
         simulate_closed_loop(problem.track, width, problem.delayed, problem.hardest, scratch, states)
     for i in range(width):
-        error_1, error_2 = scratch[ERROR_1 * LANES + i], scratch[ERROR_2 * LANES + i]
+        error_1, error_2 = scratch[ERROR_1 * WIDTH + i], scratch[ERROR_2 * WIDTH + i]
         if problem.open_loop:
-            objective = error_1 * problem.weights[2]
+            objective = error_1 * problem.weights[OF_ACCELERATION]
         else:
-            objective = np.sqrt(error_1 * problem.weights[0]) + np.sqrt(error_2 * problem.weights[1])
+            objective = np.sqrt(error_1 * problem.weights[OF_SPACING]) + np.sqrt(
+                error_2 * problem.weights[OF_SPEED]
+            )
         for j in range(6):
             offset = parameters[j, first + i] - problem.centre[j]
             objective += problem.strength[j] * offset * offset
@@ -241,11 +245,8 @@ def evaluate_population(
 ) -> None:
     """Objective of every candidate of parameters (6, n) into objectives (n,), tile by tile."""
     n = parameters.shape[1]
-    for first in range(0, n, LANES):
-        evaluate_tile(problem, parameters, first, min(LANES, n - first), scratch, states, objectives)
-
-
-# part of what this module offers
+    for first in range(0, n, WIDTH):
+        evaluate_tile(problem, parameters, first, min(WIDTH, n - first), scratch, states, objectives)
 
 
 @dataclass(frozen=True)
@@ -311,7 +312,7 @@ def simulate(
     scratch, states = new_scratch(len(track.x))
     load_tile(parameters[:, None], 0, 1, scratch)
     simulate_closed_loop(track.as_array(), 1, delayed, hardest, scratch, states)
-    lane = states.reshape(-1, SIMULATED, LANES)[: len(track.x), :, 0]
+    lane = states.reshape(-1, SIMULATED, WIDTH)[: len(track.x), :, 0]
     return Simulation(lane[:, SIM_V].copy(), lane[:, SIM_X].copy(), lane[:, SIM_A].copy())
 
 

@@ -22,11 +22,12 @@ from numpy.typing import NDArray
 from highd_lc.core.car_following import (
     ACCELERATION_FLOOR,
     ERROR_1,
-    LANES,
+    OF_ACCELERATION,
     SIM_A,
     SIM_V,
     SIM_X,
     SIMULATED,
+    WIDTH,
     A,
     FitProblem,
     V,
@@ -103,7 +104,7 @@ def _accumulate(
     first: offset of the quantity's row in states; scales: square root of the weight a start, inverse: 1 / step,
     6 rows; normal: the flat rows of the batch.
     """
-    row = states[first : first + LANES]
+    row = states[first : first + WIDTH]
     for s in range(STARTS):
         base = row[s]
         residual = scales[s] * (base - recorded)
@@ -138,20 +139,20 @@ def _linearise(
         for j in range(6):
             inverse[j * STARTS + s] = 1.0 / (candidates[j, (1 + j) * STARTS + s] - candidates[j, s])
         for q in range(2):
-            error = scratch[(ERROR_1 + q) * LANES + s]
+            error = scratch[(ERROR_1 + q) * WIDTH + s]
             norm = max(math.sqrt(problem.weights[q] * error), _LEAST_NORM)
             scales[q, s] = math.sqrt(problem.weights[q] / norm)
     for k in range(problem.track.shape[1]):
-        now = k * SIMULATED * LANES
+        now = k * SIMULATED * WIDTH
         if problem.open_loop:
             recorded = problem.track[A, k]
-            weight = 2.0 * problem.weights[2] / max(abs(recorded), ACCELERATION_FLOOR)
+            weight = 2.0 * problem.weights[OF_ACCELERATION] / max(abs(recorded), ACCELERATION_FLOOR)
             for s in range(STARTS):
                 scales[0, s] = math.sqrt(weight)
-            _accumulate(now + SIM_A * LANES, recorded, states, scales[0], inverse, normal)
+            _accumulate(now + SIM_A * WIDTH, recorded, states, scales[0], inverse, normal)
         else:
-            _accumulate(now + SIM_X * LANES, problem.track[X, k], states, scales[0], inverse, normal)
-            _accumulate(now + SIM_V * LANES, problem.track[V, k], states, scales[1], inverse, normal)
+            _accumulate(now + SIM_X * WIDTH, problem.track[X, k], states, scales[0], inverse, normal)
+            _accumulate(now + SIM_V * WIDTH, problem.track[V, k], states, scales[1], inverse, normal)
     for j in range(6):
         for s in range(trial.shape[1]):
             offset = trial[j, s] - problem.centre[j]

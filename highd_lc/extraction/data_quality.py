@@ -53,9 +53,8 @@ def vehicle_facts(
     """Facts of each vehicle. x [m], vx [m/s], lane, leader_id (0 = none): of shape (rows,); ids (ascending) and
     length [m]: of shape (vehicles,).
     """
-    counts, gaps = _facts(index.starts, index.frame, x, vx, lane, leader_id, ids, length)
-    travelled = x[index.starts[1:] - 1] - x[index.starts[:-1]]
-    return VehicleFacts(counts[0], counts[1], counts[2], gaps[0], gaps[1], travelled)
+    found = _facts(index.starts, index.frame, x, vx, lane, leader_id, ids, length)
+    return VehicleFacts(*found, travelled=x[index.starts[1:] - 1] - x[index.starts[:-1]])
 
 
 @njit(cache=True, nogil=True)
@@ -68,16 +67,18 @@ def _facts(
     leader_id: IntArray,
     ids: IntArray,
     length: FloatArray,
-) -> tuple[IntArray, FloatArray]:
-    counts = np.zeros((3, len(ids)), dtype=np.int64)
-    gaps = np.full((2, len(ids)), np.nan)
-    for vehicle in range(len(ids)):
+) -> tuple[IntArray, IntArray, IntArray, FloatArray, FloatArray]:
+    """The columns of ``VehicleFacts`` but the last."""
+    n = len(ids)
+    holes, changes, outside = np.zeros(n, np.int64), np.zeros(n, np.int64), np.zeros(n, np.int64)
+    least_gap, least_time_gap = np.full(n, np.nan), np.full(n, np.nan)
+    for vehicle in range(n):
         known, leader = 0, -1
         for row in range(starts[vehicle], starts[vehicle + 1]):
             if row > starts[vehicle]:
-                counts[0, vehicle] += frame[row] != frame[row - 1] + 1
-                counts[1, vehicle] += lane[row] != lane[row - 1]
-            counts[2, vehicle] += lane[row] == 0
+                holes[vehicle] += frame[row] != frame[row - 1] + 1
+                changes[vehicle] += lane[row] != lane[row - 1]
+            outside[vehicle] += lane[row] == 0
             if leader_id[row] == 0:
                 continue
             if leader_id[row] != known:
@@ -87,11 +88,11 @@ def _facts(
             ahead = find_row(starts, frame, leader, frame[row]) if leader >= 0 else -1
             if ahead >= 0:
                 gap = x[ahead] - x[row] - (length[leader] + length[vehicle]) / 2
-                if not gaps[0, vehicle] <= gap:
-                    gaps[0, vehicle] = gap
-                if vx[row] > _STANDING_MPS and not gaps[1, vehicle] <= gap / vx[row]:
-                    gaps[1, vehicle] = gap / vx[row]
-    return counts, gaps
+                if not least_gap[vehicle] <= gap:
+                    least_gap[vehicle] = gap
+                if vx[row] > _STANDING_MPS and not least_time_gap[vehicle] <= gap / vx[row]:
+                    least_time_gap[vehicle] = gap / vx[row]
+    return holes, changes, outside, least_gap, least_time_gap
 
 
 @dataclass(frozen=True)
@@ -123,9 +124,12 @@ def disagreement(
     half = max(1, round(_DIFFERENCE_S * rate / 2))
     n_bins = max(1, int(np.ceil((extent[1] - extent[0]) / PROFILE_BIN_M)))
     zones, bins = np.zeros((2, 3)), np.zeros((2, n_bins))
-    places = np.array([extent[0], extent[0] + trim, extent[1] - trim])
+    places = extent[0], extent[0] + trim, extent[1] - trim
     _disagree(index.starts, index.frame, x, vx, vehicles, half, rate, places, zones, bins)
     return Disagreement(_mean(zones), _mean(bins))
+
+
+_SUM, _COUNT = range(2)
 
 
 @njit(cache=True, nogil=True)
@@ -137,21 +141,23 @@ def _disagree(
     vehicles: IntArray,
     half: int,
     rate: float,
-    places: FloatArray,
+    places: tuple[float, float, float],
     zones: FloatArray,
     bins: FloatArray,
 ) -> None:
+    """Add up into zones and bins, rows ``_SUM`` and ``_COUNT``. places: of the entry, where the ends begin [m]."""
+    entry, inner, exit_from = places
     for vehicle in vehicles:
         for row in range(starts[vehicle] + half, starts[vehicle + 1] - half):
             if frame[row + half] - frame[row - half] != 2 * half:
                 continue
             difference = (x[row + half] - x[row - half]) * rate / (2 * half) - vx[row]
-            zone = ENTRY if x[row] < places[1] else (EXIT if x[row] > places[2] else INNER)
-            zones[0, zone] += abs(difference)
-            zones[1, zone] += 1
-            place = min(max(int((x[row] - places[0]) / PROFILE_BIN_M), 0), bins.shape[1] - 1)
-            bins[0, place] += difference
-            bins[1, place] += 1
+            zone = ENTRY if x[row] < inner else (EXIT if x[row] > exit_from else INNER)
+            zones[_SUM, zone] += abs(difference)
+            zones[_COUNT, zone] += 1
+            place = min(max(int((x[row] - entry) / PROFILE_BIN_M), 0), bins.shape[1] - 1)
+            bins[_SUM, place] += difference
+            bins[_COUNT, place] += 1
 
 
 def _mean(sums_and_counts: FloatArray) -> FloatArray:

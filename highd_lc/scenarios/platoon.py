@@ -91,22 +91,21 @@ def equal_drivers(
 
 
 def drive_platoon(
-    start: PlatoonStart, lead: Lead, *, dt: float, held: int = 0, every: int = 1, hardest: float = UNBOUNDED
+    start: PlatoonStart, lead: Lead, *, dt: float, held: int = 0, hardest: float = UNBOUNDED
 ) -> Platoon:
     """Drive the platoon behind the lead over all of its instants.
 
-    dt [s]; held: first instant at which they drive by LCM, before it everybody keeps the speed; every: keep each
-    that many-th instant only (for thousands of followers). hardest: bound of commanded braking [m/s^2, positive].
+    dt [s]; held: first instant at which they drive by LCM, before it everybody keeps the speed; hardest: bound of
+    commanded braking [m/s^2, positive]. Raises ShapeError when the lead's shapes differ.
     """
-    if lead.front.shape != lead.v.shape or every < 1:
-        raise ShapeError(f"Lead.v has shape {lead.v.shape}, front has {lead.front.shape}; every = {every}")
-    p, kept = len(start.front), (len(lead.front) - 1) // every + 1
-    front, v, a = (np.empty((kept, p)) for _ in range(3))
+    if lead.front.shape != lead.v.shape:
+        raise ShapeError(f"Lead.v has shape {lead.v.shape}, front has {lead.front.shape}")
+    n, p = len(lead.front), len(start.front)
+    front, v, a = (np.empty((n, p)) for _ in range(3))
     parameters = np.ascontiguousarray(start.parameters.T)
     state = start.front.copy(), start.v.copy()
-    _drive(*state, parameters, lead.front, lead.v, dt, hardest, held, every, front, v, a)
-    seen = Lead(lead.front[::every], lead.v[::every], lead.length)
-    return Platoon(np.arange(kept, dtype=np.float64) * (every * dt), front.T, v.T, a.T, start.length, seen)
+    _drive(*state, parameters, lead.front, lead.v, dt, hardest, held, front, v, a)
+    return Platoon(np.arange(n, dtype=np.float64) * dt, front.T, v.T, a.T, start.length, lead)
 
 
 @njit(cache=True, nogil=True, fastmath={"contract", "arcp"}, error_model="numpy")
@@ -119,7 +118,6 @@ def _drive(
     dt: float,
     hardest: float,
     held: int,
-    every: int,
     out_x: FloatArray,
     out_v: FloatArray,
     out_a: FloatArray,
@@ -143,11 +141,8 @@ def _drive(
                 a[i] = lcm_command(
                     v[i], spacing[i], ahead_v[i], v_desire[i], A[i], b[i], B[i], tau[i], L[i], hardest
                 )
-        if k % every == 0:
-            row = k // every
-            for i in range(p):
-                out_x[row, i], out_v[row, i], out_a[row, i] = x[i], v[i], a[i]
         for i in range(p):
+            out_x[k, i], out_v[k, i], out_a[k, i] = x[i], v[i], a[i]
             x[i], v[i] = advance(x[i], v[i], a[i], dt)
 
 

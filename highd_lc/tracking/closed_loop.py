@@ -16,6 +16,9 @@ from numpy.typing import NDArray
 from highd_lc.core.kinematics import bicycle_step
 from highd_lc.tracking.daqp_call import check_daqp
 from highd_lc.tracking.mpc import (
+    HEADING,
+    SPEED,
+    STEERING,
     STEERING_STOP,
     MpcMemory,
     MpcParameters,
@@ -85,13 +88,13 @@ def reference_rows(reference: Reference, wheelbase: float, horizon: int) -> Floa
     n = reference.n_steps
     rows = np.zeros((n + 1 + horizon, 5))
     rows[: n + 1, 0], rows[: n + 1, 1] = reference.x, reference.y
-    rows[: n + 1, 2], rows[: n + 1, 3] = reference.heading, reference.speed
-    rows[: n + 1, 4] = reference.steering(wheelbase)
+    rows[: n + 1, HEADING], rows[: n + 1, SPEED] = reference.heading, reference.speed
+    rows[: n + 1, STEERING] = reference.steering(wheelbase)
     _, _, heading, speed, _ = rows[n]
     ahead = np.arange(1, horizon + 1) * reference.dt * speed
     rows[n + 1 :, 0] = rows[n, 0] + ahead * math.cos(heading)
     rows[n + 1 :, 1] = rows[n, 1] + ahead * math.sin(heading)
-    rows[n + 1 :, 2], rows[n + 1 :, 3] = heading, speed
+    rows[n + 1 :, HEADING], rows[n + 1 :, SPEED] = heading, speed
     return rows
 
 
@@ -114,7 +117,7 @@ def noise_rows(disturbance: Disturbance, n_steps: int) -> FloatArray:
 def tracking_errors(states: FloatArray, rows: FloatArray) -> FloatArray:
     """Longitudinal, lateral [m] and heading [rad] errors in the reference's frame, shape of states (n + 1, 3)."""
     difference = states - rows[: len(states), :3]
-    c, s = np.cos(rows[: len(states), 2]), np.sin(rows[: len(states), 2])
+    c, s = np.cos(rows[: len(states), HEADING]), np.sin(rows[: len(states), HEADING])
     along = c * difference[:, 0] + s * difference[:, 1]
     across = c * difference[:, 1] - s * difference[:, 0]
     return np.column_stack([along, across, difference[:, 2]])
@@ -128,7 +131,7 @@ def summarise(
     velocity: of the rear axle [m/s], shape (n + 1, 2); dt [s].
     """
     errors = tracking_errors(log.states, rows)
-    rms = np.sqrt(np.mean(errors**2, axis=0))
+    rmse_along, rmse_across, rmse_heading = np.sqrt(np.mean(errors**2, axis=0)).tolist()
     failures = int(np.sum(log.flags <= 0))
     along, across = (float(worst) for worst in np.max(np.abs(errors[:, :2]), axis=0))
     slack = _largest(log.slack)
@@ -141,9 +144,9 @@ def summarise(
         velocity=velocity,
         errors=errors,
         qp_failures=failures,
-        rmse_longitudinal_m=float(rms[0]),
-        rmse_lateral_m=float(rms[1]),
-        rmse_heading_rad=float(rms[2]),
+        rmse_longitudinal_m=rmse_along,
+        rmse_lateral_m=rmse_across,
+        rmse_heading_rad=rmse_heading,
         max_lateral_m=across,
         max_slack=slack,
     )
@@ -213,12 +216,12 @@ def control(
     before = max(k - 1, 0)
     input_error = np.empty(2)
     for a in range(2):
-        input_error[a] = last_input[a] - rows[before, 3 + a]
+        input_error[a] = last_input[a] - rows[before, SPEED + a]
     assemble(error, input_error, rows, k, wheelbase, p, memory)
     flag = solve(memory)
     if flag > 0:
         for a in range(2):
-            last_input[a] = rows[k, 3 + a] + input_error[a] + memory.z[a]
+            last_input[a] = rows[k, SPEED + a] + input_error[a] + memory.z[a]
         last_input[1] = min(max(last_input[1], -STEERING_STOP), STEERING_STOP)
     return flag
 
@@ -240,7 +243,7 @@ def drive_mpc(
     """
     model_wheelbase, plant_wheelbase = wheelbases
     held, measured = np.empty(2), np.empty(3)
-    held[0], held[1] = rows[0, 3], rows[0, 4]
+    held[0], held[1] = rows[0, SPEED], rows[0, STEERING]
     for c in range(3):
         log.states[0, c] = rows[0, c] + offset[c]
     last = log.inputs.shape[0] - 1

@@ -35,6 +35,8 @@ FloatArray = NDArray[np.float64]
 
 BOUNDS_PER_SAMPLE = 8
 """Upper and lower bound of the value and of the increment, of the speed and then of the steering."""
+HEADING, SPEED, STEERING = 2, 3, 4
+"""Columns of the reference rows behind x and y."""
 STEERING_STOP = 1.2
 """Mechanical stop of the steering [rad]: no slack takes the wheels further."""
 
@@ -151,7 +153,9 @@ def predict(
     ex, ey, ephi = error[0], error[1], error[2]
     for i in range(p.horizon):
         row = rows[k + i]
-        a02, a12, b00, b10, b20, b21 = error_model_entries(row[3], row[2], row[4], p.dt, wheelbase)
+        a02, a12, b00, b10, b20, b21 = error_model_entries(
+            row[SPEED], row[HEADING], row[STEERING], p.dt, wheelbase
+        )
         ex += a02 * ephi + b00 * input_error[0]
         ey += a12 * ephi + b10 * input_error[0]
         ephi += b20 * input_error[0] + b21 * input_error[1]
@@ -186,7 +190,7 @@ def weigh(rows: FloatArray, k: int, p: MpcParameters, memory: MpcMemory) -> None
     for r in range(theta.shape[0]):
         # Rows of sample i = r // 3 know the increments 0 .. i only.
         known = min(2 * (r // 3) + 2, width)
-        v = rows[k + r // 3, 3] if r % 3 == 2 else 1.0
+        v = rows[k + r // 3, SPEED] if r % 3 == 2 else 1.0
         doubled = 2.0 * p.R[r % 3] * v * v
         for a in range(known):
             weighted = doubled * theta[r, a]
@@ -204,8 +208,8 @@ def bound(input_error: FloatArray, rows: FloatArray, k: int, p: MpcParameters, m
     upper = memory.upper
     for i in range(p.control_horizon):
         for a in range(2):
-            reference = rows[k + i, 3 + a]
-            change = reference - rows[max(k + i - 1, 0), 3 + a]
+            reference = rows[k + i, SPEED + a]
+            change = reference - rows[max(k + i - 1, 0), SPEED + a]
             held = reference + input_error[a]
             at = BOUNDS_PER_SAMPLE * i + 4 * a
             upper[at] = p.input_upper[a] - held

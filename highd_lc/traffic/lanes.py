@@ -125,10 +125,16 @@ class Drivers:
     error: FloatArray
 
 
+PRESENT, LOGGED = range(2)
+
+
 class Traffic(NamedTuple):
-    """The simulation, changed in place. vehicles: records ``VEHICLE``; order: those on the road, downstream
-    first; counts: vehicles on the road, paths logged; waiting, lane_first: next vehicle to enter each lane and
-    the lanes' first ones; last: scratch, a place in the order a lane; log: paths left, records ``PATH``."""
+    """The simulation, changed in place.
+
+    vehicles: records ``VEHICLE``; order: those on the road, downstream first; counts: of vehicles on the road
+    (PRESENT) and of paths logged (LOGGED); waiting, lane_first: next vehicle to enter each lane and the lanes'
+    first ones; last: scratch, a place in the order a lane; log: paths left, records ``PATH``.
+    """
 
     vehicles: Records
     order: IntArray
@@ -210,12 +216,12 @@ def begin_change(me: Record, road: Road, lane: int, time: float) -> None:
 @njit(cache=True, nogil=True)
 def end_path(traffic: Traffic, vehicle: int, until: float) -> None:
     """Log a path that ended, or was left, at the given time."""
-    me, entry = traffic.vehicles[vehicle], traffic.log[traffic.counts[1]]
+    me, entry = traffic.vehicles[vehicle], traffic.log[traffic.counts[LOGGED]]
     entry.vehicle, entry.start, entry.until, entry.seconds = vehicle, me.start, until, me.seconds
     entry.origin, entry.target, entry.kind = me.origin, me.target, me.kind
     for k in range(6):
         entry.c[k] = me.c[k]
-    traffic.counts[1] += 1
+    traffic.counts[LOGGED] += 1
     me.moving = 0
 
 

@@ -16,8 +16,10 @@ from highd_lc.traffic.lanes import (
     BROKEN_OFF,
     KEPT,
     LCM_AT_ONCE,
+    LOGGED,
     MAX_CHANGES,
     NOBODY,
+    PRESENT,
     RETURN,
     ROW_COLUMNS,
     Clock,
@@ -53,11 +55,11 @@ def simulate(drivers: Drivers, road: Road, clock: Clock) -> Passage:
         block = np.empty((_ROWS_A_BLOCK, len(ROW_COLUMNS)))
         step, n = _advance(step, traffic, road, clock, block)
         blocks.append(block[:n])
-    for vehicle in traffic.order[: traffic.counts[0]]:
+    for vehicle in traffic.order[: traffic.counts[PRESENT]]:
         if traffic.vehicles[vehicle]["moving"]:
             me = traffic.vehicles[vehicle]
             end_path(traffic, vehicle, me["start"] + me["seconds"])
-    paths = traffic.log[: traffic.counts[1]]
+    paths = traffic.log[: traffic.counts[LOGGED]]
     return Passage(np.concatenate(blocks), paths[np.argsort(paths["start"], kind="stable")])
 
 
@@ -65,7 +67,7 @@ def simulate(drivers: Drivers, road: Road, clock: Clock) -> Passage:
 def _advance(step: int, traffic: Traffic, road: Road, clock: Clock, rows: FloatArray) -> tuple[int, int]:
     """Simulate until the end or until the rows might not hold another frame: (next step, rows written)."""
     n_rows = 0
-    while step < clock.frames * clock.steps_per_frame and n_rows + traffic.counts[0] < len(rows):
+    while step < clock.frames * clock.steps_per_frame and n_rows + traffic.counts[PRESENT] < len(rows):
         time = step * clock.dt
         _enter(traffic, road, time)
         _sort_downstream_first(traffic)
@@ -87,7 +89,7 @@ def _enter(traffic: Traffic, road: Road, time: float) -> None:
         if new >= traffic.lane_first[lane + 1] or vehicles[new].arrival > time:
             continue
         last = -1
-        for k in range(traffic.counts[0]):
+        for k in range(traffic.counts[PRESENT]):
             if vehicles[order[k]].lane == lane or vehicles[order[k]].beside == lane:
                 last = order[k]
         me = vehicles[new]
@@ -99,8 +101,8 @@ def _enter(traffic: Traffic, road: Road, time: float) -> None:
                 continue
         me.lane, me.beside = lane, -1
         me.y = 0.5 * (road.markings[lane] + road.markings[lane + 1]) + me.offset[0]
-        order[traffic.counts[0]] = new
-        traffic.counts[0] += 1
+        order[traffic.counts[PRESENT]] = new
+        traffic.counts[PRESENT] += 1
         traffic.waiting[lane] += 1
 
 
@@ -108,7 +110,7 @@ def _enter(traffic: Traffic, road: Road, time: float) -> None:
 def _sort_downstream_first(traffic: Traffic) -> None:
     """Insertion sort: the order hardly changes from step to step."""
     vehicles, order = traffic.vehicles, traffic.order
-    for k in range(1, traffic.counts[0]):
+    for k in range(1, traffic.counts[PRESENT]):
         vehicle = order[k]
         j = k
         while j > 0 and vehicles[order[j - 1]].x < vehicles[vehicle].x:
@@ -123,7 +125,7 @@ def _accelerate(traffic: Traffic, road: Road, time: float) -> None:
     vehicles, order, last = traffic.vehicles, traffic.order, traffic.last
     for lane in range(len(last)):
         last[lane] = NOBODY
-    for k in range(traffic.counts[0]):
+    for k in range(traffic.counts[PRESENT]):
         me = vehicles[order[k]]
         if me.model == LCM_AT_ONCE:
             ahead = last[me.lane]
@@ -141,7 +143,7 @@ def _accelerate(traffic: Traffic, road: Road, time: float) -> None:
 @njit(cache=True, nogil=True)
 def _record(traffic: Traffic, road: Road, frame: int, rows: FloatArray, n_rows: int) -> int:
     """Write the vehicles whose centre is in view; returns the number of rows written so far."""
-    for k in range(traffic.counts[0]):
+    for k in range(traffic.counts[PRESENT]):
         me = traffic.vehicles[traffic.order[k]]
         centre = me.x - 0.5 * me.length
         if 0.0 <= centre <= road.section:
@@ -155,7 +157,7 @@ def _record(traffic: Traffic, road: Road, frame: int, rows: FloatArray, n_rows: 
 @njit(cache=True, nogil=True)
 def _steer(traffic: Traffic, road: Road, time: float) -> None:
     """Begin changes that are due and pay, break off those that are meant to be, end those that are done."""
-    for k in range(traffic.counts[0]):
+    for k in range(traffic.counts[PRESENT]):
         vehicle = traffic.order[k]
         me = traffic.vehicles[vehicle]
         if me.moving:
@@ -176,7 +178,7 @@ def _steer(traffic: Traffic, road: Road, time: float) -> None:
 def _move(traffic: Traffic, road: Road, time: float, dt: float) -> None:
     """One step; vehicles past the end of the road leave."""
     kept = 0
-    for k in range(traffic.counts[0]):
+    for k in range(traffic.counts[PRESENT]):
         vehicle = traffic.order[k]
         me = traffic.vehicles[vehicle]
         me.v = max(me.v + me.a * dt, 0.0)
@@ -188,7 +190,7 @@ def _move(traffic: Traffic, road: Road, time: float, dt: float) -> None:
             kept += 1
         elif me.moving:
             end_path(traffic, vehicle, me.start + me.seconds)
-    traffic.counts[0] = kept
+    traffic.counts[PRESENT] = kept
 
 
 _HARDEST_BRAKING = 3.0  # what a change may demand of the follower or of the driver [m/s^2]
@@ -206,7 +208,7 @@ def neighbours(traffic: Traffic, vehicle: int, lane: int) -> tuple[int, int]:
     """The nearest vehicles on a lane ahead of a vehicle's front and not ahead of it; -1 where there is none."""
     vehicles, order = traffic.vehicles, traffic.order
     ahead = -1
-    for k in range(traffic.counts[0]):
+    for k in range(traffic.counts[PRESENT]):
         other = order[k]
         if other == vehicle or (vehicles[other].lane != lane and vehicles[other].beside != lane):
             continue

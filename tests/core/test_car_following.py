@@ -4,8 +4,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from highd_lc.core.car_following import (
-    LANES,
     TIME_STEP,
+    WIDTH,
     FollowingTrack,
     fit_problem,
     objectives_of,
@@ -69,7 +69,7 @@ def objective_twin(track, parameters, open_loop, delayed):
 
 
 @pytest.mark.parametrize(("open_loop", "delayed"), MODES)
-@pytest.mark.parametrize("n", [1, 13, LANES, LANES + 5])
+@pytest.mark.parametrize("n", [1, 13, WIDTH, WIDTH + 5])
 def test_kernel_equals_plain_twin(open_loop, delayed, n):
     track = wavy_track(n_samples=31)
     parameters = candidates(n, seed=n)

@@ -69,14 +69,6 @@ def test_free_road_and_late_lead_equal_plain_twin():
     assert np.allclose(made.v, plain_twin(start, lead, DT, 0)[1], atol=1e-10)
 
 
-def test_kept_instants_are_those_of_the_whole_run():
-    start, lead = mixed_platoon(5), braking_lead(203)
-    whole, thin = drive_platoon(start, lead, dt=DT), drive_platoon(start, lead, dt=DT, every=10)
-    assert np.array_equal(thin.front, whole.front[:, ::10])
-    assert np.allclose(thin.t, whole.t[::10])
-    assert np.array_equal(thin.lead.front, lead.front[::10])
-
-
 def test_equilibrium_platoon_keeps_speed_and_spacing():
     parameters = TABLE3_MEANS.as_array()
     spacing = equilibrium_spacing(25.0, parameters)
