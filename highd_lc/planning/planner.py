@@ -1,8 +1,9 @@
 """Plans of every policy for one event: self-optimum, local optimum and the references beside them."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,6 +32,7 @@ from highd_lc.vocab.settings import ValidateSettings
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
+Made = TypeVar("Made")
 
 CONSTANT_T = 5.5
 """Duration of the reference that changes lane at constant speed [s] (equations.md 6)."""
@@ -70,6 +72,18 @@ class Plan:
     def at_bound(self) -> list[str]:
         """Margins that are used up: nearly 0 beside the limits of speed, acceleration and jerk."""
         return [name for name, margin in self.margins.items() if abs(margin) < 1e-3]
+
+
+def made_once(plans: Sequence[Plan], make: Callable[[Plan], Made]) -> list[Made]:
+    """What ``make`` makes of each plan, made once for those that share a replay.
+
+    Policies often choose the same plan. Returns one value a plan, in their order.
+    """
+    made: list[tuple[Plan, Made]] = []
+    for plan in plans:
+        known = [value for other, value in made if other.replay is plan.replay]
+        made.append((plan, known[0] if known else make(plan)))
+    return [value for _, value in made]
 
 
 @dataclass(frozen=True)

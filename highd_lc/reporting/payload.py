@@ -116,17 +116,17 @@ def _other(role: str, path: Path, report: EventReport, *, step: float, drive: Fl
 
 def _plays(plays: Iterable[Play], step: float, drive: FloatArray) -> Iterator[dict[str, Any]]:
     # Policies that found the same plan share its motion, which is packed once.
-    motions: dict[tuple[int, int], dict[str, Any]] = {}
+    packed: list[tuple[Play, dict[str, Any]]] = []
     for play in plays:
-        motion = (id(play.ego), id(play.followers))
-        if motion not in motions:
-            motions[motion] = _packed(_channels(play, drive), step if play.measured else FINE_STEP)
+        same = [m for other, m in packed if other.ego is play.ego and other.followers is play.followers]
+        motion = same[0] if same else _packed(_channels(play, drive), step if play.measured else FINE_STEP)
+        packed.append((play, motion))
         yield {
             "policy": play.policy,
             "accountings": list(play.accountings),
             "T": round(play.T, 2) if np.isfinite(play.T) else None,
             "start": round(play.delay_s, 2),
-            **motions[motion],
+            **motion,
         }
 
 
@@ -183,8 +183,9 @@ def _track(trace: TrackTrace) -> dict[str, Any]:
 
 def _surface(surface: Surface, report: EventReport) -> dict[str, Any]:
     # Accountings share arrays, so each array is written once and named by its place.
-    arrays = list({id(a): a for side in (surface.loss_av, surface.loss_hv) for a in side.values()}.values())
-    place = {id(a): k for k, a in enumerate(arrays)}
+    sides = {"av": surface.loss_av, "hv": surface.loss_hv}
+    arrays: list[FloatArray] = []
+    place = {(side, one): _place(array, arrays) for side, of in sides.items() for one, array in of.items()}
     return {
         "T": [round(T, 2) for T in surface.T.tolist()],
         "x": [round(x, 2) for x in surface.x_offset.tolist()],
@@ -192,13 +193,20 @@ def _surface(surface: Surface, report: EventReport) -> dict[str, Any]:
         "arrays": [_levels(a) for a in arrays],
         "losses": {
             accounting: {
-                "av": place[id(surface.loss_av[accounting])],
-                "hv": place[id(surface.loss_hv[accounting])],
+                **{side: place[side, accounting] for side in sides},
                 "feasible": _bits(surface.feasible[accounting]),
             }
             for accounting in surface.loss_av
         },
     }
+
+
+def _place(array: FloatArray, arrays: list[FloatArray]) -> int:
+    """Where an array is among others, at their end if it is not yet there."""
+    known = [k for k, other in enumerate(arrays) if other is array]
+    if not known:
+        arrays.append(array)
+    return known[0] if known else len(arrays) - 1
 
 
 _POINTS: Final = (names.CONSTANT, names.HUMAN, *names.FIXED_POLICIES)

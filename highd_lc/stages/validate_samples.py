@@ -19,7 +19,7 @@ import pandas as pd
 from highd_lc.io import artefacts
 from highd_lc.planning import pareto
 from highd_lc.planning.pareto import Points
-from highd_lc.planning.planner import Plan, contact_of
+from highd_lc.planning.planner import Plan, contact_of, made_once
 from highd_lc.planning.replay import Replay
 from highd_lc.planning.starts import StartProblem, pose_starts
 from highd_lc.scoring.uncertainty import stratified_sample
@@ -237,27 +237,27 @@ class Planned:
 
         Policies often choose the same plan, whose replay they share: it is driven once.
         """
-        known: dict[tuple[int, str], DrivenPlan | None] = {}
-        found = []
-        for plan in self.plans:
-            if plan.accounting == names.PRIMARY_ACCOUNTING and plan.policy != names.NO_LANE_CHANGE:
-                for plant in (KINEMATIC, MULTI_BODY) if self.multi_body else (KINEMATIC,):
-                    key = id(plan.replay), plant
-                    if key not in known:
-                        known[key] = self.tracker.drive(plan, plant)
-                    found.append((plan, plant, known[key]))
-        return found
+        plans = [
+            p for p in self.plans if p.accounting == names.PRIMARY_ACCOUNTING and p.policy != names.NO_LANE_CHANGE
+        ]
+        plants = (KINEMATIC, MULTI_BODY) if self.multi_body else (KINEMATIC,)
+        driven = made_once(plans, lambda plan: [self.tracker.drive(plan, plant) for plant in plants])
+        return [
+            (plan, *one)
+            for plan, of_plan in zip(plans, driven, strict=True)
+            for one in zip(plants, of_plan, strict=True)
+        ]
 
 
 def tracking_rows(planned: Planned) -> Iterator[Row]:
     """A row for each policy that changes lane, and plant."""
-    known: dict[int, Row] = {}
+    known: list[tuple[DrivenPlan, Row]] = []
     for plan, plant, driven in planned.drives:
         row: Row = {"status": plan.status, "contact": ""}
         if driven is not None:
-            if id(driven) not in known:
-                known[id(driven)] = _row(planned.tracker, driven)
-            row = known[id(driven)]
+            of_same = next((row for other, row in known if other is driven), None)
+            row = _row(planned.tracker, driven) if of_same is None else of_same
+            known.append((driven, row))
         yield {"policy": plan.policy, "plant": plant} | row
 
 

@@ -3,23 +3,24 @@
 The value of perfect information about the leaders over the sampled events.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
-from typing import Any
+from functools import cached_property, partial
+from typing import Any, TypeVar
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
 from highd_lc.planning import sqp
-from highd_lc.planning.planner import Plan, PlanningProblem, contact_of
+from highd_lc.planning.planner import Plan, PlanningProblem, contact_of, made_once
 from highd_lc.planning.pool import Goal, Pool
 from highd_lc.planning.search import search
 from highd_lc.scoring import cross_scores, uncertainty
 from highd_lc.scoring.cross_scores import Charged
 from highd_lc.scoring.population import Bootstrap, ratio_interval
 from highd_lc.scoring.uncertainty import (
+    Cell,
     Driven,
     Losses,
     event_generator,
@@ -44,6 +45,7 @@ from highd_lc.vocab.tables.studies import (
 
 FloatArray = NDArray[np.float64]
 Row = dict[str, Any]
+Made = TypeVar("Made")
 
 STUDY_TABLES = (
     "cross_losses",
@@ -79,31 +81,36 @@ class Study:
         return uncertainty.draws_of(self.problem, max(self.settings.draws, self.settings.replans), seed=self.seed)
 
     @cached_property
-    def optimal(self) -> dict[tuple[str, str], Plan]:
+    def optimal(self) -> dict[Cell, Plan]:
         """The plans of the optimal policies by policy and accounting."""
         return {(plan.policy, plan.accounting): plan for plan in self.plans if plan.policy in OPTIMAL_POLICIES}
 
     @cached_property
-    def rescored(self) -> dict[int, Charged]:
-        """Followers' loss of each optimal plan as planned (first) and under the draws, by ``id`` of its replay."""
+    def rescored(self) -> dict[Cell, Charged]:
+        """Followers' loss of each optimal plan as planned (first) and under the draws."""
         drivers = np.concatenate([self.problem.packed.parameters[None], self.draws])
-        return {key: uncertainty.rescore(self.problem, plan, drivers) for key, plan in self._distinct.items()}
+        return _of_each(self.optimal, lambda plan: uncertainty.rescore(self.problem, plan, drivers))
 
     @cached_property
-    def idm(self) -> dict[int, Charged]:
-        """Followers' loss of each optimal plan if all of them are IDM drivers, by ``id`` of its replay."""
+    def idm(self) -> dict[Cell, Charged]:
+        """Followers' loss of each optimal plan that is one, if all of them are IDM drivers."""
         packed, terms = self.problem.packed, self.problem.terms
-        played = {key: plan.replay for key, plan in self._distinct.items() if plan.replay is not None}
-        return {key: cross_scores.idm_followers(p.av, packed, terms, p.entry) for key, p in played.items()}
+
+        def scored(plan: Plan) -> Charged:
+            assert plan.replay is not None, "asked for plans alone"
+            return cross_scores.idm_followers(plan.replay.av, packed, terms, plan.replay.entry)
+
+        return _of_each(self.played, scored)
 
     @cached_property
-    def av_losses(self) -> dict[int, tuple[float, float]]:
-        """The AV's loss of every optimal plan charged to T and to H, by ``id`` of its replay."""
-        return {key: uncertainty.av_loss(self.problem, plan) for key, plan in self._distinct.items()}
+    def av_losses(self) -> dict[Cell, tuple[float, float]]:
+        """The AV's loss of every optimal plan charged to T and to H."""
+        return _of_each(self.optimal, lambda plan: uncertainty.av_loss(self.problem, plan))
 
     @property
-    def _distinct(self) -> dict[int, Plan]:
-        return {id(plan.replay): plan for plan in self.optimal.values()}
+    def played(self) -> dict[Cell, Plan]:
+        """The optimal plans that are there: the policies that found none are left out."""
+        return {cell: plan for cell, plan in self.optimal.items() if plan.replay is not None}
 
     @property
     def forms(self) -> list[str]:
@@ -126,6 +133,11 @@ class Study:
     def rng(self, purpose: str) -> np.random.Generator:
         """The event's random generator for one purpose."""
         return event_generator(self.seed, self.problem.scene.event_id, purpose=purpose)
+
+
+def _of_each(plans: Mapping[Cell, Plan], make: Callable[[Plan], Made]) -> dict[Cell, Made]:
+    """What is made of each plan by policy and accounting."""
+    return dict(zip(plans, made_once(list(plans.values()), make), strict=True))
 
 
 def foresight_rows(study: Study) -> Iterator[Row]:
@@ -157,7 +169,7 @@ def cross_rows(study: Study, others: Mapping[str, PlanTracker]) -> Iterator[Row]
 
     others: the event posed with the other follower models that score.
     """
-    known: dict[int, dict[str, Row]] = {}
+    by_others = {model: _of_each(study.played, partial(_scored_by, other)) for model, other in others.items()}
     for (policy, accounting), plan in study.optimal.items():
         row: Row = {"policy": policy, "accounting": accounting, "planned_with": study.model}
         if plan.replay is None:
@@ -165,21 +177,20 @@ def cross_rows(study: Study, others: Mapping[str, PlanTracker]) -> Iterator[Row]
                 yield row | {"scored_with": model, "contacts_to_T": 0, "contacts_to_H": 0}
             continue
         row["contact_after_T"] = bool((plan.replay.clearance_after_T < 0.0).any())
-        key = id(plan.replay)
-        if key not in known:
-            known[key] = {model: _scored_by(tracker, plan) for model, tracker in others.items()}
-        counterpart = study.rescored[id(study.optimal[COUNTERPART[policy], accounting].replay)]
-        for model, scored in (_as_planned(study, key, counterpart) | known[key]).items():
-            yield row | {"scored_with": model} | scored
+        counterpart = study.rescored[COUNTERPART[policy], accounting]
+        scored = _as_planned(study, (policy, accounting), counterpart)
+        scored |= {model: found[policy, accounting] for model, found in by_others.items()}
+        for model, losses in scored.items():
+            yield row | {"scored_with": model} | losses
 
 
-def _as_planned(study: Study, key: int, counterpart: Charged) -> dict[str, Row]:
+def _as_planned(study: Study, cell: Cell, counterpart: Charged) -> dict[str, Row]:
     """Losses of a plan by the drivers that planned it, by those drawn about them, and by the IDM.
 
-    key: ``id`` of its replay; counterpart: followers' loss of the policy that it is compared with: a mean over
-    draws is one over the same draws for both.
+    counterpart: followers' loss of the policy that it is compared with: a mean over draws is one over the same
+    draws for both.
     """
-    own, idm, av = study.rescored[key], study.idm[key], study.av_losses[key]
+    own, idm, av = study.rescored[cell], study.idm[cell], study.av_losses[cell]
     found: dict[str, Row] = {}
     for model, charged, drivers in (
         (study.model, own, slice(0, 1)),
@@ -233,10 +244,10 @@ def horizon_rows(study: Study) -> Iterator[Row]:
 def _planned(study: Study) -> dict[tuple[str, str], Losses]:
     """Losses of the plans that the study was given, by policy and accounting."""
     found = {}
-    for (policy, accounting), plan in study.optimal.items():
-        key = id(plan.replay)
-        av, hv = uncertainty.charged_by(accounting, study.av_losses[key], study.rescored[key])
-        found[policy, accounting] = av, float(hv[0])
+    for policy, accounting in study.optimal:
+        cell = policy, accounting
+        av, hv = uncertainty.charged_by(accounting, study.av_losses[cell], study.rescored[cell])
+        found[cell] = av, float(hv[0])
     return found
 
 
@@ -277,9 +288,9 @@ def _kept_columns(study: Study, form: str, accounting: str) -> Row:
     """Gain of the plans made with the fitted parameters: under these, and under every draw."""
     totals, met = [], np.zeros(len(study.draws) + 1, bool)
     for policy in reversed(PAIRS[form]):
-        key = id(study.optimal[policy, accounting].replay)
-        av, hv = uncertainty.charged_by(accounting, study.av_losses[key], study.rescored[key])
-        met |= study.rescored[key].touches(to_T=accounting == names.PAPER)
+        cell = policy, accounting
+        av, hv = uncertainty.charged_by(accounting, study.av_losses[cell], study.rescored[cell])
+        met |= study.rescored[cell].touches(to_T=accounting == names.PAPER)
         totals.append(av + hv)
     gain = uncertainty.relative_gain(*totals)
     kept, contacts = gain[1:][~met[1:]], int(met[1:].sum())
