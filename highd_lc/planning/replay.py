@@ -124,11 +124,14 @@ def box_centre(av: AvMotion, rear_to_centre: float) -> tuple[FloatArray, FloatAr
 def joins(av: AvMotion, scene: PackedScene, follower: int = 0) -> int:
     """Sample from which that follower has the AV as leader: once the AV has made the follower's share of its way.
 
-    Half of the way is the AV's crossing; a share that it never makes is N + 1.
+    Half of the way of a plan is its crossing. A recorded AV has made what its y says, as where followers are
+    predicted behind it: its lane-id crossing need not be half of its way. A share never made is N + 1.
     """
     moment = float(scene.reactions[follower, MOMENT])
-    if moment in (0.0, 0.5):
-        return av.crossing if moment else 0
+    if moment == 0.0:
+        return 0
+    if moment == 0.5 and not av.recorded:
+        return av.crossing
     made = np.flatnonzero(av.y / scene.D >= moment - SHARE_TOLERANCE)
     return int(made[0]) if len(made) else len(av.y)
 

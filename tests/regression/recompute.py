@@ -268,14 +268,16 @@ def drive(event: Event, plan: pd.Series) -> Drive:
     x[: n + 1], vx[: n + 1], y[: n + 1], vy[: n + 1] = m["x"], m["vx"], m["y"], m["vy"]
     y[n:] = m["y"][-1]
     a = follow_leader(event, x, vx, n, event.leader)
-    joins = joining(event.lcm[0]["moment"], y / event.D, event.crossing if human else n // 2)
+    joins = joining(event.lcm[0]["moment"], y / event.D, None if human else n // 2)
     return Drive(plan["T"], x, vx, y, vy, np.abs(m["jx"]) + np.abs(m["jy"]), a, joins)
 
 
-def joining(moment: float, made: np.ndarray, crossing: int) -> int:
-    """First sample at which the AV has made that share of its lateral way; half of it is its crossing."""
-    if moment in (0.0, 0.5):
-        return crossing if moment else 0
+def joining(moment: float, made: np.ndarray, crossing: int | None) -> int:
+    """First sample at which the AV has made that share of its lateral way; half of a plan's is its crossing."""
+    if moment == 0.0:
+        return 0
+    if moment == 0.5 and crossing is not None:
+        return crossing
     return int(np.argmax(made >= moment - 1e-9)) if (made >= moment - 1e-9).any() else LAST + 1
 
 
