@@ -121,13 +121,17 @@ def _print_confirmed(outcome: Outcome) -> None:
 
 def _print_results(stage: str, options: Options, model: str) -> None:
     from highd_lc.io import artefacts
-    from highd_lc.reporting.terminal import lcm_table, matrix_table, prediction_table
+    from highd_lc.reporting.terminal import aims_table, lcm_table, matrix_table, prediction_lines, prediction_table
     from highd_lc.stages.overview_pages import followers_believed, missing_pages
 
     if stage == "calibrate":
         console.print(lcm_table(artefacts.read(options.work, "summary_lcm")))
         if not missing_pages(options.work):
-            console.print(prediction_table(artefacts.read(options.work, "prediction_summary")))
+            summary = artefacts.read(options.work, "prediction_summary")
+            console.print(prediction_table(summary))
+            lines = prediction_lines(summary, artefacts.read(options.work, "dose_response"))
+            console.print(*lines, sep="\n", markup=False, highlight=False)
+            console.print(aims_table(artefacts.read(options.work, "prediction_aims")))
     if stage in ("validate", "report"):
         console.print(*followers_believed(options.work, model), sep="\n", markup=False, highlight=False)
         console.print(matrix_table(artefacts.read(options.work, "validation_matrix")))

@@ -18,7 +18,7 @@ from highd_lc.planning.pool import Pool
 from highd_lc.planning.scene import Followers, Motion
 from highd_lc.planning.start_planner import FORM_OF_START, plan_start
 from highd_lc.planning.starts import Key, StartProblem, pose_starts
-from highd_lc.stages.responses import Drifts, response_rows, responses_of
+from highd_lc.stages.responses import Traffic, response_rows, responses_of
 from highd_lc.stages.scenes import (
     TIME_STEP,
     SceneTables,
@@ -203,7 +203,7 @@ def _by_the_population(
 ) -> Followers:
     """The followers by the stated prior of the population: one recording alone teaches no constants."""
     alone = replace(tables, events=tables.events[tables.events["event_id"] == event.event_id])
-    found = pd.DataFrame(list(response_rows(alone, settings, Drifts(tables.vehicles), location=0, failed=[])))
+    found = pd.DataFrame(list(response_rows(alone, settings, Traffic(tables.vehicles, {}), location=0, failed=[])))
     drivers = behaviours(PRIOR.constants, responses_of(found), PRIOR.moment)
     lcm = (drivers.v_desire, drivers.A, drivers.b, drivers.B, drivers.tau, drivers.L)
     return replace(

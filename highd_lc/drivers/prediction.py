@@ -6,7 +6,7 @@ and simulated alike, so that a tracker's noise is not held against a driver.
 Matched controls: followers that nobody cuts in on, alike before the start to those that somebody does. A control
 is a vehicle that keeps its lane and its leader from half a second before its start to the horizon. It is matched
 to a follower by class, carriageway and lane, and by speed, acceleration, spacing and closing speed within
-calipers; the nearest few count (equations.md 3.12).
+calipers; the nearest few count (equations.md 3.13).
 
 Cross-fitting: the constants for a recording's followers come from other recordings (equations.md 3.12). Where
 locations can be left out as well, a fold is a location; else a recording, or a few of them. With fewer than
@@ -41,6 +41,8 @@ SPACINGS: Final = (20.0, 35.0, 60.0)
 """Bounds of the classes of spacing [m]."""
 CLOSINGS: Final = (-2.0, 0.0, 2.0, 5.0)
 """Bounds of the classes of closing speed [m/s]."""
+DENSITIES: Final = (11.0, 22.0)
+"""Densities above which traffic is dense, and congested [veh/km and lane]."""
 
 
 @dataclass(frozen=True)
@@ -67,6 +69,7 @@ class Judged(NamedTuple):
     loss_simulated: FloatArray
     loss_recorded: FloatArray
     contact: BoolArray
+    contact_recorded: BoolArray
 
 
 def in_view(responses: Responses, horizon: float) -> BoolArray:
@@ -74,14 +77,19 @@ def in_view(responses: Responses, horizon: float) -> BoolArray:
     return responses.n > round(horizon / TIME_STEP)
 
 
-def judge(simulated: Simulated, responses: Responses, horizon: float, scales: Scales) -> Judged:
-    """Compare simulated with recorded followers up to a horizon [s]."""
+def judge(
+    simulated: Simulated, responses: Responses, horizon: float, scales: Scales, *, ahead: FloatArray | None = None
+) -> Judged:
+    """Compare simulated with recorded followers up to a horizon [s].
+
+    ahead: fronts of those whom the simulated followers get as leader [m], shape (K, R); None: the recorded ones.
+    """
     last = round(horizon / TIME_STEP)
     seen = np.where(in_view(responses, horizon), 0.0, np.nan)
     v, recorded = simulated.v[: last + 1], responses.v[: last + 1]
     error = v - recorded
     drifted = responses.drift * horizon
-    gap = responses.x_ahead[: last + 1] - responses.ahead_length - simulated.x[: last + 1]
+    fronts = responses.x_ahead if ahead is None else ahead
     own, theirs = _smooth_motion(v, scales), _smooth_motion(recorded, scales)
     return Judged(
         error_speed=error[-1] + seen,
@@ -95,8 +103,16 @@ def judge(simulated: Simulated, responses: Responses, horizon: float, scales: Sc
         comfort_recorded=theirs.comfort + seen,
         loss_simulated=own.loss + seen,
         loss_recorded=theirs.loss + seen,
-        contact=np.asarray(((gap < 0.0) & (responses.progress[: last + 1] >= 0.5)).any(axis=0)),
+        contact=_contacts(simulated.x[: last + 1], fronts, responses),
+        contact_recorded=_contacts(responses.x[: last + 1], responses.x_ahead, responses),
     )
+
+
+def _contacts(x: FloatArray, ahead: FloatArray, responses: Responses) -> BoolArray:
+    """Whether fronts x (K, R) pass the rear bumper ahead, shape (R,): the changer's from half of its way on."""
+    r, samples = responses, len(x)
+    rear = np.where(r.progress >= 0.5, ahead - r.ahead_length, r.before_x - r.before_length)
+    return np.asarray((rear[:samples] < x).any(axis=0))
 
 
 class _Smooth(NamedTuple):
@@ -109,7 +125,7 @@ def _smooth_motion(v: FloatArray, scales: Scales) -> _Smooth:
     """Peak braking [m/s^2], comfort sum and loss of speeds (K, R), smoothed."""
     width = round(SMOOTHING / TIME_STEP) + 1
     padded = np.concatenate([np.zeros((1, v.shape[1])), np.cumsum(v, axis=0)])
-    smooth = (padded[width:] - padded[:-width]) / width
+    smooth = (padded[width:] - padded[:-width]) / width if len(v) >= width else v[:0]
     if len(smooth) < 3:  # too short for a jerk
         unknown = np.full(v.shape[1], np.nan)
         return _Smooth(unknown, unknown, unknown)
@@ -120,16 +136,21 @@ def _smooth_motion(v: FloatArray, scales: Scales) -> _Smooth:
     return _Smooth(peak, comfort, 0.5 * comfort + 0.5 * efficiency)
 
 
+def motion_loss(v: FloatArray, scales: Scales) -> FloatArray:
+    """Loss of speeds (K, R), comfort of the smoothed speed; shape (R,), NaN where K is too short for a comfort."""
+    return _smooth_motion(v, scales).loss
+
+
 def loss_change(v: FloatArray, scales: Scales) -> FloatArray:
     """Loss of speeds (K, R) beyond that of keeping the first one, smoothed; shape (R,)."""
     kept = len(v) * np.abs(v[0] - scales.v_ref) / scales.efficiency
     return np.asarray(_smooth_motion(v, scales).loss - 0.5 * kept)
 
 
-def class_labels(bounds: tuple[float, ...], unit: str) -> tuple[str, ...]:
+def class_labels(bounds: tuple[float, ...]) -> tuple[str, ...]:
     """Words of the classes between bounds, the open ends included."""
-    inner = [f"{low:g} .. {high:g} {unit}" for low, high in pairwise(bounds)]
-    return (f"< {bounds[0]:g} {unit}", *inner, f"> {bounds[-1]:g} {unit}")
+    inner = [f"{low:g} .. {high:g}" for low, high in pairwise(bounds)]
+    return (f"< {bounds[0]:g}", *inner, f"> {bounds[-1]:g}")
 
 
 IntArray = NDArray[np.int64]
@@ -184,7 +205,8 @@ def starts(rows: Rows, rate: float, horizon: float) -> Starts:
     fits = (place - first[run] >= before) & (stop[run] - place > after) & (rows.leader >= 0)
     chosen = np.flatnonzero(fits & (rows.frame % max(round(rate), 1) == 0))
     sums = np.concatenate([[0.0], np.cumsum(rows.a)])
-    acceleration = (sums[chosen + 1] - sums[chosen - before]) / (before + 1)
+    # As of the followers that are cut in on: the samples before the start, without that of the start.
+    acceleration = (sums[chosen] - sums[chosen - before]) / max(before, 1)
     closing = rows.v[chosen] - rows.v_leader[chosen]
     covariates = np.stack([rows.v[chosen], acceleration, rows.spacing[chosen], closing])
     good = np.isfinite(covariates).all(axis=0)

@@ -203,9 +203,9 @@ def _recorded(axes: Axes, rows: pd.DataFrame) -> None:
 
 
 def externality_figure(rows: pd.DataFrame, default: str) -> Figure:
-    """Mean change of HV 1's loss by source, a panel a horizon; line: two standard errors.
+    """Mean change of HV 1's loss by source, a panel a horizon; line: interval.
 
-    rows: source, horizon_s, mean and error of each.
+    rows: source, horizon_s, mean, low and high of each.
     """
     horizons = sorted(rows["horizon_s"].unique())
     sources = list(dict.fromkeys(rows["source"]))
@@ -214,8 +214,7 @@ def externality_figure(rows: pd.DataFrame, default: str) -> Figure:
         at = rows[rows["horizon_s"] == horizon].set_index("source").reindex(sources)
         for y, (source, row) in enumerate(zip(sources, at.to_dict("records"), strict=True)):
             colour = INK if source in _SOURCES else _ink(source, default)
-            ends = [row["mean"] - 2.0 * row["error"], row["mean"] + 2.0 * row["error"]]
-            axes.plot(ends, [y, y], color=colour, lw=1.4)
+            axes.plot([row["low"], row["high"]], [y, y], color=colour, lw=1.4)
             axes.plot(row["mean"], y, "o", color=colour, ms=5)
         axes.axvline(0, color=LINE, lw=0.8)
         label(axes, title=f"{horizon:g} s", x="change of loss", grid="x")
@@ -235,7 +234,7 @@ def error_figure(errors: FloatArray, effects: Mapping[str, FloatArray]) -> Figur
     """Shares of events with at most a given error, and with at most a given effect of each form; log scale."""
     figure, grid = panels(6.4, 3.1)
     axes = grid[0, 0]
-    _shares(axes, errors, "model's error in HV 1's loss", color=INK, lw=2.0)
+    _shares(axes, errors, "model's error in the followers' loss", color=INK, lw=2.0)
     for form, values in effects.items():
         style: dict[str, Any] = {"color": CELL_COLOURS[form], "ls": "-" if form == names.FIXED else "--"}
         _shares(axes, values, f"effect, {labels.FORMS[form].lower()}", **style)

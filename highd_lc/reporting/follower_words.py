@@ -4,8 +4,9 @@ Everything follows from the tables. Without them, or with none of their rows, th
 """
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from itertools import groupby
 from typing import Any, Final
 
 import numpy as np
@@ -14,6 +15,7 @@ import pandas as pd
 from highd_lc.reporting import html, labels
 from highd_lc.vocab import names
 from highd_lc.vocab.policy import PAIRS
+from highd_lc.vocab.tables.prediction import AIMS
 
 ALL: Final = "all"
 """The stratum of ``prediction_summary`` that holds every event."""
@@ -21,8 +23,8 @@ SHORT: Final = 5.0
 LONG: Final = 8.0
 HORIZONS: Final = (SHORT, LONG)
 """Horizons at which the skill is told [s]."""
-AIM_CONSTANT: Final = 0.50
-AIM_NAIVE: Final = 0.20
+AIM_CONSTANT: Final = AIMS["skill_constant"][0]
+AIM_NAIVE: Final = AIMS["skill_naive"][0]
 """Skills from which followers are said to be predicted well, at every horizon told."""
 ALIKE: Final = 1.5
 """Within this factor two mean decelerations are said to be alike."""
@@ -31,29 +33,57 @@ SEEN: Final = 1.0
 NO_INTERVAL: Final = "no interval: fewer than five recordings"
 
 
+LOSS_COLUMNS: Final = ("loss_hv_in_view", "loss_hv_in_view_recorded")
+"""Columns of ``losses`` from which error and effect follow."""
+
+
 @dataclass(frozen=True)
 class Effect:
-    """Mean absolute change of the followers' loss from benchmark to local optimum, over n events of a form."""
+    """Model's error and policies' effect in the followers' loss over the same n events of a form.
+
+    error, mean: mean absolute error and mean absolute effect; error_median, median: of the same.
+    """
 
     form: str
+    error: float
+    error_median: float
     mean: float
+    median: float
     n: int
+
+    @property
+    def ratio(self) -> float:
+        """Error over effect, of the means."""
+        return error_over_effect(self.error, self.mean)
 
 
 def effects_of(losses: pd.DataFrame) -> list[Effect]:
-    """The policies' effect on the followers' loss in each form with plans of both, primary accounting.
+    """Error and effect in each form with events that have both, primary accounting.
 
-    losses: rows of ``losses`` with loss_hv, planned and charged with one follower model.
+    losses: rows of ``losses`` with ``LOSS_COLUMNS``, planned and charged with one follower model.
     """
-    changes = {form: effect_by_event(losses, form) for form in PAIRS}
-    return [Effect(form, float(c.abs().mean()), len(c)) for form, c in changes.items() if len(c)]
+    found = []
+    for form in PAIRS:
+        events = effect_by_event(losses, form).abs()
+        if len(events):
+            (error, mean), (error_median, median) = events.mean(), events.median()
+            found.append(Effect(form, error, error_median, mean, median, len(events)))
+    return found
 
 
-def effect_by_event(losses: pd.DataFrame, form: str) -> pd.Series:
-    """The followers' loss under the local optimum minus that under the benchmark, by event with both plans."""
+def effect_by_event(losses: pd.DataFrame, form: str) -> pd.DataFrame:
+    """By event the model's error in the followers' loss, and the policies' effect on it, as far as both are known.
+
+    Both are weighted losses of the same followers over the same samples: those in which they are filmed behind the
+    recorded ego. error: simulated minus recorded; effect: local optimum minus benchmark.
+    """
     rows = losses[losses["accounting"] == names.PRIMARY_ACCOUNTING]
-    benchmark, local = (rows[rows["policy"] == q].set_index("event_id")["loss_hv"] for q in PAIRS[form])
-    return (local - benchmark).dropna()
+    seen, recorded = LOSS_COLUMNS
+    benchmark, local, human = (
+        rows[rows["policy"] == policy].set_index("event_id") for policy in (*PAIRS[form], names.HUMAN)
+    )
+    error, effect = human[seen] - human[recorded], local[seen] - benchmark[seen]
+    return pd.DataFrame({"error": error, "effect": effect}).astype(float).dropna()
 
 
 def error_over_effect(error: float, effect: float) -> float:
@@ -79,10 +109,13 @@ def has_intervals(summary: pd.DataFrame) -> bool:
     return bool(summary[["skill_constant_low", "skill_naive_low"]].notna().any(axis=None))
 
 
-def followers_say(summary: pd.DataFrame | None, effects: Sequence[Effect]) -> tuple[str, ...]:
-    """One to four sentences: skill, braking, error beside effect, and what follows for the gain.
+def followers_say(
+    summary: pd.DataFrame | None, effects: Sequence[Effect], aims: pd.DataFrame | None = None
+) -> tuple[str, ...]:
+    """One to six sentences: skill, recordings, braking, error beside effect, what follows for the gain, aims met.
 
-    summary: ``prediction_summary``, None where the run has none; effects: see ``effects_of``.
+    summary: ``prediction_summary``, None where the run has none; effects: see ``effects_of``; aims:
+    ``prediction_aims``, None: nothing is said of them.
     """
     if summary is None:
         return (_unknown("this work folder holds no prediction, which calibrate makes"),)
@@ -90,7 +123,11 @@ def followers_say(summary: pd.DataFrame | None, effects: Sequence[Effect]) -> tu
     if not rows:
         seconds = f"{min(HORIZONS):g} s or longer"
         return (_unknown(f"none is in view behind the recorded lane changer for {seconds}"),)
-    said = (_skill(rows), _braking(rows[0]), *_visibility(rows, effects))
+    verdicts = recordings_say(summary, SHORT)
+    said = (
+        _skill(rows), *_below(verdicts), _braking(rows[0]), *_visibility(rows, effects),
+        *(() if aims is None else aims_say(aims)),
+    )  # fmt: skip
     return tuple(re.sub(r"(?<=\d) (?=s\b|m/s²|times\b)|(?<=HV) (?=\d)", "\u00a0", text) for text in said)
 
 
@@ -172,10 +209,13 @@ def _number(value: float) -> str:
 
 
 def _braking(row: Any) -> str:
-    """Mean peak braking, simulated over recorded, and contacts."""
+    """Mean peak braking, simulated over recorded, and contacts, simulated and recorded."""
     simulated, recorded = row.peak_decel_simulated, row.peak_decel_recorded
     pair = f"mean peak braking over {row.horizon_s:g} s {_number(simulated)} against {_number(recorded)} m/s²"
-    where = f"in {row.contacts} of {row.n_events} events it drives into the vehicle ahead"
+    where = (
+        f"in {row.contacts} of {row.n_events} events it drives into the vehicle ahead, recorded drivers in "
+        f"{row.contacts_recorded}"
+    )
     return f"The model brakes {_how_hard(simulated, recorded)} ({pair}); {where}."
 
 
@@ -198,21 +238,32 @@ def times(ratio: float) -> str:
 
 
 def _visibility(rows: Sequence[Any], effects: Sequence[Effect]) -> Iterator[str]:
-    row = rows[-1]
-    error = f"HV 1's loss is missed by {_number(row.loss_error)} (mean absolute error over {row.horizon_s:g} s)"
-    if html.is_missing(row.loss_error) or not effects:
-        known = "" if html.is_missing(row.loss_error) else f"{error}. "
-        yield f"{known}Whether the gain can be seen is not known: {_why_unknown(row, effects)}."
-        return
-    changed = ", ".join(f"{_number(e.mean)} ({_form(e)})" for e in effects)
-    yield f"{error}; the local optimum changes the followers' loss by {changed}, mean absolute effect."
-    yield _follows(rows, [(e, error_over_effect(row.loss_error, e.mean)) for e in effects])
-
-
-def _why_unknown(row: Any, effects: Sequence[Effect]) -> str:
     if not effects:
-        return "there is no event with plans of both policies"
-    return f"no loss can be compared over {row.horizon_s:g} s"
+        yield (
+            "Whether the gain can be seen is not known: no event has plans of both policies and followers that "
+            "are filmed behind the recorded lane changer, without contacts."
+        )
+        return
+    yield (
+        "While the followers are filmed behind the recorded lane changer, at most 8 s, their loss is missed by "
+        f"{'; by '.join(_pairs(effects))}."
+    )
+    yield _follows(rows, [(e, e.ratio) for e in effects])
+
+
+def _pairs(effects: Sequence[Effect]) -> Iterator[str]:
+    """Error and effects of the forms whose events are the same: the error is told once."""
+    for (error, median, n), alike in groupby(effects, key=lambda e: (e.error, e.error_median, e.n)):
+        told = ", ".join(f"{_number(e.mean)} ({_form(e)}; median {_small(e.median)})" for e in alike)
+        yield (
+            f"{_number(error)} (mean absolute error; median {_small(median)}), and the local optimum changes it "
+            f"over the same samples by {told}, mean absolute effect, {n} event{'s' * (n != 1)}"
+        )
+
+
+def _small(value: float) -> str:
+    """With as many digits as it takes to tell it from nothing, at most four."""
+    return html.number(value, 4 if 0.0 < abs(value) < 0.005 else 2)
 
 
 def _form(effect: Effect) -> str:
@@ -244,3 +295,82 @@ def _multiples(ratios: Sequence[tuple[Effect, float]]) -> str:
     ]
     none = [_form(e) for e, r in ratios if not np.isfinite(r)]
     return ", ".join(texts + [f"there is no effect ({', '.join(none)})"] * bool(none))
+
+
+def recordings_say(summary: pd.DataFrame, horizon: float) -> list[tuple[str, str]]:
+    """Of each recording its name, and the skill of the model that plans against constant speed with a verdict.
+
+    The interval is over the recording's events.
+    """
+    rows = summary[summary["default"].astype(bool) & summary["stratum"].str.startswith("recording=")]
+    rows = rows[np.isclose(rows["horizon_s"], horizon) & (rows["n_events"] > 0)].sort_values("stratum")
+    cells: Iterable[Any] = rows.itertuples(index=False)
+    return [(row.stratum.partition("=")[2], _of_recording(row)) for row in cells]
+
+
+_BELOW: Final = "below 0"
+
+
+def _of_recording(row: Any) -> str:
+    value, low, high = row.skill_constant, row.skill_constant_low, row.skill_constant_high
+    if html.is_missing(low):
+        return f"{_number(value)}, not told from 0 ({row.reason})"
+    verdict = _BELOW if high < 0.0 else "above 0" if low > 0.0 else "not told from 0"
+    return f"{_number(value)} ({_number(low)} .. {_number(high)}), {verdict}"
+
+
+def _below(verdicts: Sequence[tuple[str, str]]) -> Iterator[str]:
+    """In which recordings the model that plans is worse than constant speed."""
+    below = [f"recording {name}: {text}" for name, text in verdicts if text.endswith(_BELOW)]
+    if below:
+        share = f"{len(below)} of {len(verdicts)} recordings"
+        yield f"In {share} its skill after {SHORT:g} s is {_BELOW}: {'; '.join(below)}."
+
+
+def within_band(doses: pd.DataFrame, horizon: float) -> dict[str, str]:
+    """By model "n of m": in how many of the classes with a band its mean change is within it."""
+    rows = doses[np.isclose(doses["horizon_s"].astype(float), horizon)].dropna(subset="within")
+    return {str(m): f"{int(w.astype(bool).sum())} of {len(w)}" for m, w in rows.groupby("model")["within"]}
+
+
+AIM_TITLES: Final = {
+    "skill_constant": "skill against constant speed",
+    "skill_naive": "skill against the best naive model",
+    "recordings_below": "recordings with a skill below 0",
+    "bias": "bias of speed [m/s]",
+    "dose_response": "classes of dose-response within the band",
+    "peak_decel": "mean peak braking [m/s²]",
+    "comfort": "mean comfort sum",
+    "externality": "mean cost to HV 1",
+    "contacts": "followers with a contact",
+}
+_COUNTED: Final = ("recordings_below", "dose_response", "contacts")
+
+
+def aim_rows(aims: pd.DataFrame) -> pd.DataFrame:
+    """Rows of ``prediction_aims`` in words: title, horizon_s, value, wanted and met beside their columns."""
+    told = [_aim(row) for row in aims.itertuples(index=False)]
+    return aims.assign(**{name: [row[name] for row in told] for name in ("title", "said", "wanted", "verdict")})
+
+
+def _aim(row: Any) -> dict[str, str]:
+    counted = row.aim in _COUNTED
+    value = _number(row.value) if not counted or html.is_missing(row.value) else f"{row.value:.0f} of {row.n}"
+    low, high = ("" if html.is_missing(v) else f"{v:.0f}" if counted else _number(v) for v in (row.low, row.high))
+    one = f"at least {low}" if low else f"at most {high}" if high else "–"
+    wanted = f"{low} to {high}" if low and high else one
+    if row.interval:
+        wanted += f" (observed {_number(row.observed)}, interval over {row.interval})"
+    verdict = f"not known: {row.reason}" if html.is_missing(row.met) else "met" if row.met else "not met"
+    return {"title": AIM_TITLES[row.aim], "said": value, "wanted": wanted, "verdict": verdict}
+
+
+def aims_say(aims: pd.DataFrame) -> Iterator[str]:
+    """How many of the aims the model that plans meets."""
+    mine = aims[aims["default"].astype(bool)]
+    known = mine["met"].dropna().astype(bool)
+    if len(mine):
+        rest = len(mine) - len(known)
+        unknown = f"; {rest} cannot be judged here" if rest else ""
+        met = f"{int(known.sum())} of the {len(mine)} aims for followers that can be believed"
+        yield f"The model meets {met}{unknown}."

@@ -154,6 +154,7 @@ _PREDICTORS: Final = {
 }
 _SECOND_OPINIONS: Final = {IDM_MOTORWAY: "IDM, motorway", DRAWN: "drawn parameters"}
 _SUFFIX: Final = {"+": "with", "-": "without"}
+_MOMENTS: Final = {"start": "the start", "crossing": "the crossing"}
 _BORROWED: Final = (
     names.LOCAL_OPTIMUM,
     names.BENCHMARK,
@@ -169,13 +170,15 @@ def follower_model(name: str) -> str:
 
     A name that is not known, as of a model that a user adds, stays as it is.
     """
-    base, *parts = re.split(r"([+-])", name)
+    whole, *parts = re.split(r"([+-])", name)
+    base, _, moment = whole.partition("@")
     if base not in _PREDICTORS:
         return name
     suffixes = (
         f" {_SUFFIX[sign]} {part.replace('_', ' ')}" for sign, part in zip(parts[::2], parts[1::2], strict=True)
     )
-    return _PREDICTORS[base] + "".join(suffixes)
+    since = f" from {_MOMENTS.get(moment, f'{moment} of the way')}" if moment else ""
+    return _PREDICTORS[base] + since + "".join(suffixes)
 
 
 def scored_with(name: str) -> str:

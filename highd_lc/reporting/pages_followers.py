@@ -1,7 +1,6 @@
 """The calibration page: Table 3 side by side with ours, and what the fits may be believed for.
 
-Below it the sections on what a lane change costs the follower, and on the model's error beside the effect of the
-policies.
+Below it the sections on what a lane change costs the follower, and on the model's error beside the effect.
 """
 
 from collections.abc import Iterator
@@ -19,6 +18,7 @@ from highd_lc.reporting.figures_population import ALL
 from highd_lc.reporting.figures_prediction import error_figure, externality_figure, source_label
 from highd_lc.reporting.figures_studies import fits_figure
 from highd_lc.reporting.pages_data import Column, Section, TableView, overview_page, percentage, table_view
+from highd_lc.scoring.population import mean_interval_of
 from highd_lc.vocab import names
 from highd_lc.vocab.driver import PARAMETERS, UNITS
 from highd_lc.vocab.policy import PAIRS
@@ -212,12 +212,14 @@ def externality_sections(externality: pd.DataFrame, balance: pd.DataFrame, defau
     yield Section(
         "What a lane change costs HV 1",
         (
-            "Change of HV 1's loss beyond that of keeping its speed: as recorded, of matched followers who are "
-            "not cut in on, and as each model has it. A model that charges a multiple of what drivers pay is "
-            "refuted, whatever its error of speed.",
+            "Change of HV 1's loss beyond that of keeping its speed of the start: as recorded, of matched "
+            "followers who are not cut in on, and as each model has it. A model that charges a multiple of what "
+            "drivers pay is refuted, whatever its error of speed.",
+            *_told(rows, default),
         ),
         html.inline_svg(externality_figure(rows, default), "Mean change of loss; the table holds the numbers."),
-        "Dots: means over the events; lines: two standard errors over events.",
+        "Dots: means over the events; lines: 95 % intervals over recordings, over events where those are fewer "
+        "than five.",
         (table_view(rows, _COST_COLUMNS),),
         anchor="cost",
     )
@@ -229,107 +231,160 @@ _COST_COLUMNS: Final = (
     Column("horizon_s", "After", "s", 0),
     Column("n", "Events", digits=0),
     Column("mean", "Mean change of loss", digits=3),
-    Column("error", "standard error", digits=3),
+    Column("low", "from", digits=3),
+    Column("high", "to", digits=3),
+    Column("observed", "Observed, same events", digits=3),
+    Column("verdict", "Against its interval"),
     Column("n_paired", "Events with controls", digits=0),
     Column("beyond", "Beyond the controls", digits=3),
-    Column("beyond_error", "standard error", digits=3),
+    Column("beyond_low", "from", digits=3),
+    Column("beyond_high", "to", digits=3),
 )
+_CONFIDENCE: Final = 0.95
 
 
 def _costs(externality: pd.DataFrame) -> pd.DataFrame:
-    """Mean change of loss by source and horizon, by itself and beyond that of the controls of the same events."""
-    wide = externality.pivot_table(index=["event_id", "horizon_s"], columns="source", values="loss_change")
-    controls = wide[CONTROL] if CONTROL in wide else pd.Series(np.nan, index=wide.index)
-    parts = [_cost(source, wide[source], wide[source] - controls) for source in wide.columns]
-    return pd.concat(parts, ignore_index=True) if parts else pd.DataFrame(columns=["source", "horizon_s"])
+    """Mean change of loss by source and horizon, and beyond that of the controls of the same events.
+
+    observed: the mean and interval of the recorded drivers in the events that the source has.
+    """
+    key = ["event_id", "horizon_s", "recording_id"]
+    wide = externality.pivot_table(index=key, columns="source", values="loss_change")
+    wide = wide.reindex(columns=list(dict.fromkeys((*wide.columns, OBSERVED, CONTROL))))
+    rows = []
+    for horizon, part in wide.groupby(level="horizon_s"):
+        for source in wide.columns:
+            own = part[part[source].notna()]
+            if len(own):
+                rows.append({"source": source, "horizon_s": float(str(horizon)), **_cost(own, source)})
+    return pd.DataFrame(rows)
 
 
-def _cost(source: str, own: pd.Series, beyond: pd.Series) -> pd.DataFrame:
-    one, other = (values.groupby("horizon_s").agg(["mean", "sem", "count"]) for values in (own, beyond))
-    found = one.rename(columns={"sem": "error", "count": "n"})
-    found[["beyond", "beyond_error", "n_paired"]] = other
-    if source == CONTROL:
-        found[["beyond", "beyond_error"]] = np.nan
-    return found.reset_index().assign(source=source)
+def _cost(own: pd.DataFrame, source: str) -> dict[str, Any]:
+    beyond = (own[source] - own[CONTROL]).dropna() if source != CONTROL else own[source].iloc[:0]
+    observed = own[OBSERVED].dropna()
+    row: dict[str, float] = {"n": len(own), "n_paired": int(own[CONTROL].notna().sum())}
+    for name, values in (("", own[source]), ("beyond_", beyond), ("observed_", observed)):
+        low, high = _interval(values)
+        row |= {name.rstrip("_") or "mean": float(values.mean()), f"{name}low": low, f"{name}high": high}
+    return row | {"verdict": "" if source in (OBSERVED, CONTROL) else _verdict(row)}
+
+
+def _interval(values: pd.Series) -> tuple[float, float]:
+    """Student's t over recordings, over events where those are fewer than five."""
+    recordings = values.index.get_level_values("recording_id").to_numpy(np.int64)
+    low, high, _ = mean_interval_of(values.to_numpy(np.float64), recordings, confidence=_CONFIDENCE)
+    return low, high
+
+
+def _told(rows: pd.DataFrame, default: str) -> Iterator[str]:
+    """Of each horizon what drivers pay, and what the model that plans, own fits and Table 3 charge them."""
+    for horizon, part in rows.groupby("horizon_s"):
+        cells = {row["source"]: row for row in part.to_dict("records")}
+        chosen = [m for m in dict.fromkeys((default, names.OWN_FIT, names.TABLE3)) if m in cells]
+        if chosen and OBSERVED in cells:
+            row = cells[OBSERVED]
+            ends = f" ({_number(row['low'])} to {_number(row['high'])})" if row["low"] == row["low"] else ""
+            charges = "; ".join(
+                f"{cells[m]['label']} {_number(cells[m]['mean'])}, {cells[m]['verdict']}" for m in chosen
+            )
+            yield f"Over {horizon:g} s drivers pay {_number(row['mean'])}{ends}. The models charge: {charges}."
+
+
+def _verdict(row: dict[str, float]) -> str:
+    """Whether a mean cost is within the observed interval of the same events, else what multiple it is."""
+    if html.is_missing(row["observed_low"]):
+        return "no interval"
+    if row["observed_low"] <= row["mean"] <= row["observed_high"]:
+        return "inside"
+    return (
+        f"{words.times(row['mean'] / row['observed'])} as much"
+        if row["observed"] > 0.0 < row["mean"]
+        else "outside"
+    )
+
+
+def _number(value: float) -> str:
+    return html.number(value, 2)
 
 
 def _balance_sections(balance: pd.DataFrame) -> Iterator[Section]:
     if balance.empty:
         return
     apart = balance["standardised_difference"].abs() > _UNBALANCED
-    listed = ", ".join(balance.loc[apart, "covariate"]).replace("_", " ")
+    listed = ", ".join(dict.fromkeys(balance.loc[apart, "covariate"])).replace("_", " ")
     found = f"Apart by more: {listed}." if listed else "None is apart by more."
     columns = (
         Column("label", "Matched on"),
+        Column("horizon_s", "Over", "s", 0),
         Column("n", "Events", digits=0),
+        percentage("share_matched", "Share of the events in view", 0),
         Column("mean_event", "Mean of the followers", digits=3),
         Column("mean_control", "Mean of their controls", digits=3),
         Column("standardised_difference", "Standardised difference", digits=3),
     )
     rows = balance.assign(label=[name.replace("_", " ") for name in balance["covariate"]])
-    text = f"Controls are alike up to {_UNBALANCED:g} standard deviations of the followers. {found}"
+    text = (
+        "Controls are matched within the recording, so that they share the drift of their carriageway, and by "
+        "lane and class; every change is that from a driver's own speed at the start. "
+        f"Controls are alike up to {_UNBALANCED:g} standard deviations of the followers. {found}"
+    )
     yield Section("How alike the controls are", (text,), tables=(table_view(rows, columns),), anchor="balance")
 
 
-def error_sections(prediction: pd.DataFrame, losses: pd.DataFrame, told: Any) -> Iterator[Section]:
-    """The model's error in HV 1's loss beside the policies' effect, event by event and together.
-
-    told: the row of ``prediction_summary`` whose error is told in words, None if there is none.
-    """
-    effects = {form: words.effect_by_event(losses, form) for form in PAIRS}
-    effects = {form: values for form, values in effects.items() if len(values)}
-    if told is None or not effects:
+def error_sections(losses: pd.DataFrame) -> Iterator[Section]:
+    """The model's error in the followers' loss beside the policies' effect on it, event by event and together."""
+    found = {form: words.effect_by_event(losses, form) for form in PAIRS}
+    found = {form: events for form, events in found.items() if len(events)}
+    if not found:
         return
-    errors = _loss_errors(prediction, told.model, told.horizon_s)
-    rows = [_beside(form, errors, values) for form, values in effects.items()]
-    figure = error_figure(errors.to_numpy(float), {f: v.to_numpy(float) for f, v in effects.items()})
+    errors = pd.concat([events["error"] for events in found.values()])
+    errors = errors[~errors.index.duplicated()]
+    figure = error_figure(
+        errors.to_numpy(float), {form: events["effect"].to_numpy(float) for form, events in found.items()}
+    )
     yield Section(
         "Error over effect",
         (
-            f"Error: HV 1's loss, simulated minus recorded, over {told.horizon_s:g} s in view. Effect: the "
-            "followers' loss under the local optimum minus that under the benchmark, over the whole accounted "
-            "time (accounting “equal”), which lets the effect appear larger beside the error than it is.",
+            "Both are changes of the same loss: that of all followers, weighted as in every plan, over the "
+            "samples in which each is filmed in its lane behind the recorded lane changer, at most 8 s, with "
+            "the comfort of the speed smoothed over 1 s. Error: simulated behind the recorded lane changer "
+            "minus recorded. Effect: local optimum minus benchmark. Events with a contact under either have none.",
         ),
         html.inline_svg(
             figure, "Shares of events by absolute error and by absolute effect; numbers in the table."
         ),
-        tables=(table_view(pd.DataFrame(rows), _BESIDE_COLUMNS),),
+        tables=(table_view(pd.DataFrame([_beside(f, e) for f, e in found.items()]), _BESIDE_COLUMNS),),
         anchor="error",
     )
 
 
 _BESIDE_COLUMNS: Final = (
     Column("form", "Form"),
-    Column("n_error", "Events with an error", digits=0),
+    Column("n", "Events", digits=0),
     Column("error", "Mean absolute error", digits=3),
     Column("error_median", "median", digits=3),
-    Column("n_effect", "Events with an effect", digits=0),
     Column("effect", "Mean absolute effect", digits=3),
     Column("effect_median", "median", digits=4),
     Column("net", "Mean effect with its sign", digits=3),
     Column("ratio", "Error over effect", digits=2),
-    percentage("share", "Error larger, of events with both", 1),
+    Column("ratio_median", "median over events", digits=2),
+    percentage("share", "Events with the error larger", 1),
 )
 
 
-def _loss_errors(prediction: pd.DataFrame, model: str, horizon: float) -> pd.Series:
-    first = (prediction["follower"] == 1) & (prediction["horizon_s"] == horizon)
-    rows = prediction[first & (prediction["model"] == model)].set_index("event_id")
-    return (rows["loss_simulated"] - rows["loss_recorded"]).dropna()
-
-
-def _beside(form: str, errors: pd.Series, effects: pd.Series) -> dict[str, object]:
-    error, effect = errors.abs(), effects.abs()
-    both = pd.concat([error.rename("error"), effect.rename("effect")], axis=1, join="inner")
+def _beside(form: str, events: pd.DataFrame) -> dict[str, object]:
+    error, effect = events["error"].abs(), events["effect"].abs()
+    each = [words.error_over_effect(e, f) for e, f in zip(error, effect, strict=True)]
     return {
         "form": labels.FORMS[form],
-        "n_error": len(error),
+        "n": len(events),
         "error": error.mean(),
         "error_median": error.median(),
-        "n_effect": len(effect),
         "effect": effect.mean(),
         "effect_median": effect.median(),
-        "net": effects.mean(),
+        "net": events["effect"].mean(),
         "ratio": words.error_over_effect(error.mean(), effect.mean()),
-        "share": (both["error"] > both["effect"]).mean() if len(both) else np.nan,
+        "ratio_median": float(np.median(each)),
+        "share": (error > effect).mean(),
     }

@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 from markupsafe import Markup
 
+from highd_lc.drivers.prediction import DENSITIES
 from highd_lc.reporting import figures_prediction as figures
 from highd_lc.reporting import follower_words as words
 from highd_lc.reporting import html, labels
@@ -29,6 +30,7 @@ class PredictionTables:
 
     prediction: pd.DataFrame
     prediction_summary: pd.DataFrame
+    prediction_aims: pd.DataFrame
     dose_response: pd.DataFrame
     externality: pd.DataFrame
     externality_balance: pd.DataFrame
@@ -79,9 +81,11 @@ def believed_section(says: Sequence[str], *, linked: bool) -> Section:
 
 
 def _sections(tables: PredictionTables) -> Iterator[Section]:
-    says = words.followers_say(tables.prediction_summary, words.effects_of(tables.losses))
+    effects = words.effects_of(tables.losses)
+    says = words.followers_say(tables.prediction_summary, effects, tables.prediction_aims)
     yield believed_section(says, linked=False)
     yield _thresholds_section()
+    yield from _aims_sections(tables.prediction_aims)
     if len(tables.summary):
         yield _skill_section(tables)
         yield _likeness_section(tables)
@@ -89,8 +93,7 @@ def _sections(tables: PredictionTables) -> Iterator[Section]:
         yield _dose_section(tables)
     yield from _strata_sections(tables)
     yield from externality_sections(tables.externality, tables.externality_balance, tables.default)
-    told = words.told(tables.prediction_summary)
-    yield from error_sections(tables.prediction, tables.losses, told[-1] if told else None)
+    yield from error_sections(tables.losses)
     yield from _extremes_sections(tables)
 
 
@@ -101,12 +104,41 @@ def _thresholds_section() -> Section:
         f"carriageway. Predicted well: skill at 5 and 8 s of at least {words.AIM_CONSTANT:.2f} against constant "
         f"speed and {words.AIM_NAIVE:.2f} against the best naive model, both intervals above 0; better: the "
         "interval above 0; perhaps: the skill above 0 and the interval not, or not known.",
+        "Intervals are Student's t over recordings, of a single recording over its events; below five of them "
+        "there is none.",
         f"Braking is alike where the means differ by less than a factor of {words.ALIKE:g}. The gain can be seen "
-        f"where the mean absolute error in HV 1's loss is at most {words.SEEN:g} × the mean absolute change "
-        "of the followers' loss between the policies, and the followers are predicted better than if nothing "
-        "happened.",
+        f"where the mean absolute error in the followers' loss is at most {words.SEEN:g} × the mean absolute "
+        "effect of the policies on it, and the followers are predicted better than if nothing happened.",
     )
     return Section("How it is judged", text, anchor="judged")
+
+
+_AIM_COLUMNS: Final = (
+    Column("title", "Aim"),
+    Column("horizon_s", "After", "s", 0),
+    Column("said", "Reached"),
+    Column("wanted", "Wanted"),
+    Column("verdict", "Verdict"),
+)
+
+
+def _aims_sections(aims: pd.DataFrame) -> Iterator[Section]:
+    """What followers that can be believed have to reach, and whether each model does it. aims: that table."""
+    if aims.empty:
+        return
+    rows = words.aim_rows(aims)
+    rows = rows.assign(label=rows["model"].map(labels.follower_model))
+    mine = rows["default"].astype(bool)
+    yield Section(
+        "Aims",
+        (
+            "For recordings that nobody tuned on. Classes and recordings of at least five events count. Braking, "
+            "comfort and cost have to lie within the observed interval; contacts are those of all followers.",
+        ),
+        tables=(table_view(rows[mine], _AIM_COLUMNS, "The model that plans"),),
+        folded=(table_view(rows[~mine], (Column("label", "Model"), *_AIM_COLUMNS), "Every other model"),),
+        anchor="aims",
+    )
 
 
 _MODEL: Final = Column("label", "Model")
@@ -195,6 +227,7 @@ _LIKENESS_COLUMNS: Final = (
     Column("loss_recorded", "recorded", digits=2),
     Column("loss_error", "Mean absolute error of loss", digits=2),
     Column("contacts", "Contacts", digits=0),
+    Column("contacts_recorded", "recorded", digits=0),
 )
 
 
@@ -210,7 +243,8 @@ def _likeness_section(tables: PredictionTables) -> Section:
         "Simulated against recorded",
         (
             "Means over the events. Peak braking: of the speed smoothed over 1 s; comfort of the recorded motion "
-            "is smoothed like that of the simulated. Contact: HV 1's front passes the rear bumper ahead.",
+            "is smoothed like that of the simulated. Contact: HV 1's front passes the rear bumper ahead; such "
+            "events are in no mean of braking, comfort and loss, neither simulated nor recorded.",
         ),
         html.inline_svg(figures.likeness_figure(drawn, tables.default), f"{title}; the table holds the numbers."),
         f"{title}. Dots: simulated; lines: recorded, for bias none.",
@@ -221,8 +255,10 @@ def _likeness_section(tables: PredictionTables) -> Section:
 
 
 def _with_losses(tables: PredictionTables) -> pd.DataFrame:
-    """The summary over all events with the mean losses of HV 1, simulated and recorded."""
-    means = _first(tables.prediction).groupby(["model", "horizon_s"])[["loss_simulated", "loss_recorded"]].mean()
+    """The summary over all events with the mean losses of HV 1, simulated and recorded, without contacts."""
+    first = _first(tables.prediction)
+    usable = first[~first["contact"].astype(bool)].groupby(["model", "horizon_s"])
+    means = usable[["loss_simulated", "loss_recorded"]].mean()
     return tables.summary.join(means, on=["model", "horizon_s"])
 
 
@@ -247,7 +283,9 @@ def _dose_section(tables: PredictionTables) -> Section:
         (
             "A model that does nothing is right behind a faster car and wrong behind a slower one: it has to "
             "answer spacing and closing speed as drivers do.",
-            *_within(tables, chosen, at),
+            "Each model is compared with the recorded drivers of the same events; those in which it drives into "
+            "the vehicle ahead are left out.",
+            *_within(tables, at),
         ),
         html.inline_svg(figure, f"{title}; the table holds the numbers."),
         f"{title}; the drift of the carriageway is taken out. Band: standard error of the recorded mean.",
@@ -257,14 +295,12 @@ def _dose_section(tables: PredictionTables) -> Section:
     )
 
 
-def _within(tables: PredictionTables, chosen: Sequence[str], at: float) -> Iterator[str]:
+def _within(tables: PredictionTables, at: float) -> Iterator[str]:
     """In how many classes each model's mean lies within the recorded one's standard error."""
-    rows = tables.dose_response[tables.dose_response["horizon_s"] == at]
-    for model in chosen:
-        known = rows.loc[rows["model"] == model, "within"].dropna().astype(bool)
-        if len(known):
-            text = f"within the band in {int(known.sum())} of {len(known)} classes after {at:g} s"
-            yield f"{_sentence(labels.follower_model(model))}: {text}."
+    counts = words.within_band(tables.dose_response, at)
+    told = [f"{labels.follower_model(m)} {counts[m]}" for m in tables.models if m in counts]
+    if told:
+        yield f"Classes of at least five events within the band after {at:g} s: {', '.join(told)}."
 
 
 def _dose_view(rows: pd.DataFrame, chosen: Sequence[str], horizon: float) -> TableView:
@@ -282,9 +318,11 @@ def _dose_view(rows: pd.DataFrame, chosen: Sequence[str], horizon: float) -> Tab
         Column("error", "sd / √n", "m/s", 2),
     ]
     for model in chosen:
-        mine = rows[rows["model"] == model].set_index(_DOSE_KEY)[["change", "peak_decel"]]
+        mine = rows[rows["model"] == model].set_index(_DOSE_KEY)[["change", "peak_decel", "left_out"]]
         table = table.join(mine.add_suffix(f" {model}"), on=_DOSE_KEY)
         columns.append(Column(f"change {model}", labels.follower_model(model), "m/s", 2))
+        if mine["left_out"].any():
+            columns.append(Column(f"left_out {model}", "events left out", digits=0))
     columns.append(Column("peak_decel", "Peak braking recorded", "m/s²", 2))
     columns += [Column(f"peak_decel {model}", labels.follower_model(model), "m/s²", 2) for model in chosen]
     return table_view(table.assign(**shown), columns, f"After {horizon:g} s")
@@ -307,8 +345,20 @@ def _strata_sections(tables: PredictionTables) -> Iterator[Section]:
         f"Skill of the model that plans after {at:g} s, by class, spacing, closing speed, traffic and recording"
     )
     own, others = table["model"] == tables.default, table["model"] != tables.default
+    horizons = [h for h in words.HORIZONS if (rows["horizon_s"] == h).any()]
+    verdicts = [(h, words.recordings_say(rows, h)) for h in horizons]
     yield Section(
         "Skill by stratum",
+        (
+            f"Traffic: free up to {DENSITIES[0]:g} vehicles a kilometre and lane in view at the start, dense up "
+            f"to {DENSITIES[1]:g}, congested above.",
+            *(
+                f"After {h:g} s, against constant speed: "
+                f"{'; '.join(f'recording {name}: {text}' for name, text in said)}."
+                for h, said in verdicts
+                if said
+            ),
+        ),
         figure=html.inline_svg(figures.strata_figure(mine), f"{title}; the table holds the numbers."),
         caption=f"{title}.",
         folded=(

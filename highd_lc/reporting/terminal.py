@@ -12,7 +12,7 @@ from rich import box
 from rich.table import Table
 
 from highd_lc.reporting import labels
-from highd_lc.reporting.follower_words import LONG, SHORT, row_of
+from highd_lc.reporting.follower_words import LONG, SHORT, aim_rows, recordings_say, row_of, within_band
 from highd_lc.reporting.pages_scenarios import CLAIM_WORDS
 from highd_lc.vocab import names
 
@@ -27,9 +27,9 @@ def matrix_table(matrix: pd.DataFrame) -> Table:
         "inf. = no feasible plan; better, worse: share of events",
     )
     several = len(set(matrix["followers"])) > 1
-    for heading in (*(("followers",) if several else ()), "form", "accounting"):
+    for heading in ("followers", "form", "charged") if several else ("form", "accounting"):
         table.add_column(heading, no_wrap=True)
-    for heading in ("events", "inf.", "gain", "interval", "HV", "AV", "better", "worse"):
+    for heading in ("n" if several else "events", "inf.", "gain", "interval", "HV", "AV", "better", "worse"):
         table.add_column(heading, justify="right", no_wrap=True)
     rows: Iterable[Any] = matrix[matrix["stratum"] == "all"].itertuples()
     for row in rows:
@@ -74,7 +74,7 @@ def prediction_table(summary: pd.DataFrame) -> Table | str:
         "Followers: each model behind the recorded lane changer",
         "skill = 1 - ratio of mean absolute errors of speed, against constant speed and the best naive model; "
         f"over {SHORT:g} s: interval, bias in m/s, peak braking simulated / recorded in m/s², mean absolute "
-        "error of loss, hits = contacts; * = plans",
+        "error of loss, hits = contacts simulated / recorded; * = plans",
     )
     table.add_column("model", overflow="fold")
     headings = (
@@ -94,6 +94,33 @@ def prediction_table(summary: pd.DataFrame) -> Table | str:
     return table
 
 
+def prediction_lines(summary: pd.DataFrame, doses: pd.DataFrame) -> list[str]:
+    """In how many classes each model answers as drivers do, and the skill of the one that plans by recording.
+
+    summary: ``prediction_summary``; doses: ``dose_response``.
+    """
+    within, said = within_band(doses, SHORT), recordings_say(summary, SHORT)
+    lines = (
+        [f"Classes of dose-response within the band of the recorded drivers after {SHORT:g} s:"] if within else []
+    )
+    lines += [f"  {model}: {within[model]}" for model in labels.in_order(summary["model"]) if model in within]
+    lines += [f"Skill after {SHORT:g} s against constant speed, model that plans:"] if said else []
+    return lines + [f"  recording {name}: {text}" for name, text in said]
+
+
+def aims_table(aims: pd.DataFrame) -> Table:
+    """What the model that plans has to reach, and whether it does. aims: ``prediction_aims``."""
+    table = _table("Aims for followers that can be believed, model that plans", "")
+    table.add_column("aim", no_wrap=True)
+    for heading in ("after", "reached"):
+        table.add_column(heading, justify="right", no_wrap=True)
+    for heading in ("wanted", "verdict"):
+        table.add_column(heading, overflow="fold")
+    for row in aim_rows(aims[aims["default"].astype(bool)]).to_dict("records"):
+        table.add_row(row["title"], f"{row['horizon_s']:g} s", row["said"], row["wanted"], row["verdict"])
+    return table
+
+
 def _predicted(short: Any, long: Any) -> Iterator[str]:
     yield str(short.n_events)
     yield _fixed(short.skill_constant)
@@ -104,7 +131,7 @@ def _predicted(short: Any, long: Any) -> Iterator[str]:
     yield _fixed(short.bias)
     yield f"{_fixed(short.peak_decel_simulated)}/{_fixed(short.peak_decel_recorded)}"
     yield _fixed(short.loss_error)
-    yield str(short.contacts)
+    yield f"{short.contacts}/{short.contacts_recorded}"
 
 
 def _skills(row: Any) -> tuple[float, float]:
@@ -120,7 +147,7 @@ def _table(title: str, caption: str) -> Table:
 
 
 def _interval(low: float, high: float) -> str:
-    return "-" if np.isnan(low) else f"{_percent(low)} .. {_percent(high)}"
+    return "-" if np.isnan(low) else f"{_percent(low)}..{_percent(high)}"
 
 
 def _beside(ours: float, paper: float) -> str:

@@ -118,6 +118,17 @@ def cluster_interval(
     return ratio - reach, ratio + reach
 
 
+def mean_interval_of(values: FloatArray, recordings: IntArray, *, confidence: float) -> tuple[float, float, str]:
+    """Interval of a mean by Student's t, and its units: recordings where there are five of them, else events.
+
+    NaN and no units below five events.
+    """
+    over = "recordings" if len(np.unique(recordings)) >= LEAST_CLUSTERS else "events"
+    units = recordings if over == "recordings" else np.arange(len(values))
+    low, high = cluster_interval(values, np.ones(len(values)), units, confidence=confidence)
+    return low, high, over if low == low else ""
+
+
 def recording_sums(recordings: IntArray, *columns: FloatArray) -> FloatArray:
     """Sum of each column over the events of each recording, shape (columns, recordings)."""
     _, place = np.unique(recordings, return_inverse=True)

@@ -38,7 +38,7 @@ from highd_lc.drivers.prediction import (
 from highd_lc.io import artefacts
 from highd_lc.stages import population_tables
 from highd_lc.stages.prediction import predict, scales
-from highd_lc.stages.responses import Drifts, response_rows
+from highd_lc.stages.responses import Traffic, lane_kilometres, response_rows
 from highd_lc.stages.scenes import RecordedFollower, read_scene_tables, recorded_followers, track_of, track_row
 from highd_lc.vocab import names
 from highd_lc.vocab.driver import PARAMETERS, TABLE3_MEANS
@@ -96,10 +96,11 @@ def _responses(job: Job, followers: pd.DataFrame) -> tuple[pd.DataFrame, tuple[P
     """What the recording's followers did behind the lane changers; and the events of which none is known."""
     settings = job.settings.validation
     tables = read_scene_tables(job.work, job.recording, settings, fits=followers)
-    about = artefacts.read(job.work, "recordings", recording=job.recording, columns=["location_id"])
+    about = artefacts.read(job.work, "recordings", recording=job.recording)
     location = int(about["location_id"].iloc[0]) if len(about) else 0
     failed: list[str] = []
-    rows = list(response_rows(tables, settings, Drifts(tables.vehicles), location=location, failed=failed))
+    traffic = Traffic(tables.vehicles, lane_kilometres(about))
+    rows = list(response_rows(tables, settings, traffic, location=location, failed=failed))
     return _frame("responses", rows), tuple(Problem(job.recording, STAGE, text) for text in failed)
 
 

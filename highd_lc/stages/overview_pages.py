@@ -19,7 +19,7 @@ from highd_lc.io import artefacts
 from highd_lc.io.atomic import whole_file
 from highd_lc.reporting import html, pages_scenarios
 from highd_lc.reporting.event import FitTrace
-from highd_lc.reporting.follower_words import effects_of, followers_say
+from highd_lc.reporting.follower_words import LOSS_COLUMNS, effects_of, followers_say
 from highd_lc.reporting.html import TO_REPORT, TO_SCENARIOS, Crosslink
 from highd_lc.reporting.pages_data import Section, data_page, empty_page, excluded_page
 from highd_lc.reporting.pages_followers import CalibrationTables, calibration_page
@@ -68,7 +68,7 @@ class Overview:
 
     def losses(self) -> pd.DataFrame:
         """The losses without their terms."""
-        return self._read("losses", [*_KEY, "loss_av", "loss_hv", "loss_total"])
+        return self._read("losses", [*_KEY, "loss_av", "loss_hv", "loss_total", *LOSS_COLUMNS])
 
     @cached_property
     def first(self) -> Section:
@@ -100,11 +100,13 @@ def followers_believed(work: Path, model: str) -> tuple[str, ...]:
 
     model: the default follower model.
     """
-    losses = artefacts.read(work, "losses", columns=[*_KEY, "followers", "loss_hv"])
+    losses = artefacts.read(work, "losses", columns=[*_KEY, "followers", *LOSS_COLUMNS])
     losses = losses[losses["followers"] == model]
     known = not missing_pages(work)
-    summary = artefacts.read(work, "prediction_summary") if known else None
-    return followers_say(summary, effects_of(losses))
+    summary, aims = (
+        artefacts.read(work, name) if known else None for name in ("prediction_summary", "prediction_aims")
+    )
+    return followers_say(summary, effects_of(losses), aims)
 
 
 def _index(overview: Overview) -> str:

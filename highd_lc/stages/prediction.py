@@ -1,6 +1,5 @@
-"""Tables of how followers are predicted: models of each follower, errors, summary, dose-response, externality."""
+"""Followers under every model behind the recorded lane changer: their models, errors and externality by event."""
 
-from collections.abc import Hashable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -11,15 +10,11 @@ from numpy.typing import NDArray
 from highd_lc.core.drive import hardest_braking
 from highd_lc.drivers import models
 from highd_lc.drivers.prediction import (
-    CLOSINGS,
-    COVARIATES,
     EXTERNALITY_HORIZONS,
     HORIZONS,
-    SPACINGS,
     CrossFit,
     Judged,
     Scales,
-    class_labels,
     in_view,
     judge,
     loss_change,
@@ -27,25 +22,35 @@ from highd_lc.drivers.prediction import (
 from highd_lc.drivers.responses import TIME_STEP, Behaviours, Responses, Simulated, simulate
 from highd_lc.io import artefacts
 from highd_lc.planning.scene import MOMENT_OF
-from highd_lc.scoring.population import cluster_interval
+from highd_lc.stages.prediction_tables import (
+    dose_response,
+    externality_balance,
+    prediction_aims,
+    prediction_summary,
+)
 from highd_lc.stages.responses import load_population, responses_of, save_population
 from highd_lc.vocab import names
 from highd_lc.vocab.driver import PARAMETERS
 from highd_lc.vocab.job import Combination
 from highd_lc.vocab.settings import Settings
 from highd_lc.vocab.tables import TABLES
-from highd_lc.vocab.tables.prediction import CONTROL, OBSERVED, RECORDED
+from highd_lc.vocab.tables.prediction import CONTROL, OBSERVED
 
 FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
 class Judgement:
-    """Followers under every model. rows: of ``responses``, with class and ids; simulated: by model."""
+    """Followers under every model. rows: of ``responses``, with class and ids; simulated: by model.
+
+    ahead: fronts of those whom they get as leader under each model, (K, R): of the simulated follower ahead where
+    there is one.
+    """
 
     rows: pd.DataFrame
     responses: Responses
     simulated: dict[str, Simulated]
+    ahead: dict[str, FloatArray]
     behaviours: dict[str, tuple[str, Behaviours]]
     folds: NDArray[np.object_]
 
@@ -71,15 +76,18 @@ def predict(combination: Combination, followers: pd.DataFrame) -> None:
     )  # fmt: skip
     errors, how = prediction(judgement, scales(settings)), settings.validation
     confidence = how.statistics.confidence
+    summary = prediction_summary(errors, how.follower_models[0], confidence=confidence)
+    doses, charged = dose_response(errors), externality(judgement, scales(settings), controls)
     for name, frame in (
         ("responses", rows),
         ("controls", controls),
         ("follower_models", follower_models(judgement)),
         ("prediction", errors),
-        ("prediction_summary", prediction_summary(errors, how.follower_models[0], confidence=confidence)),
-        ("dose_response", dose_response(errors)),
-        ("externality", externality(judgement, scales(settings), controls)),
-        ("externality_balance", externality_balance(controls)),
+        ("prediction_summary", summary),
+        ("prediction_aims", prediction_aims(summary, doses, errors, charged, confidence=confidence)),
+        ("dose_response", doses),
+        ("externality", charged),
+        ("externality_balance", externality_balance(controls, charged)),
     ):
         table = artefacts.to_arrow(name, frame, combination.provenance)
         artefacts.write_groups(work, name, iter([table]), combination.provenance)
@@ -118,15 +126,17 @@ def judge_all(
 ) -> Judgement:  # fmt: skip
     """Simulate every follower under every chosen model, each behind the simulated follower ahead of it."""
     behaviours: dict[str, tuple[str, Behaviours]] = {}
-    simulated = {}
+    simulated, ahead = {}, {}
     for name in chosen:
         behaviours[name] = crossfit.drives(name, responses, fits)
-        simulated[name] = _chain(*behaviours[name], responses, hardest)
-    return Judgement(rows, responses, simulated, behaviours, crossfit.fold_words(responses))
+        simulated[name], ahead[name] = _chain(*behaviours[name], responses, hardest)
+    return Judgement(rows, responses, simulated, ahead, behaviours, crossfit.fold_words(responses))
 
 
-def _chain(family: str, behaviours: Behaviours, responses: Responses, hardest: float) -> Simulated:
-    """Rank by rank: who has a simulated follower ahead follows that one."""
+def _chain(
+    family: str, behaviours: Behaviours, responses: Responses, hardest: float
+) -> tuple[Simulated, FloatArray]:
+    """Rank by rank: who has a simulated follower ahead follows that one. The second: fronts of who is ahead."""
     out = Simulated(*(np.empty_like(responses.x) for _ in range(3)))
     ahead_x, ahead_v = responses.x_ahead.copy(), responses.v_ahead.copy()
     for rank in np.unique(responses.rank):
@@ -142,7 +152,7 @@ def _chain(family: str, behaviours: Behaviours, responses: Responses, hardest: f
             leader = follower.get(int(responses.event[place]))
             if leader is not None:
                 ahead_x[:, place], ahead_v[:, place] = out.x[:, leader], out.v[:, leader]
-    return out
+    return out, ahead_x
 
 
 def _behind(part: Responses, x: FloatArray, v: FloatArray) -> Responses:
@@ -171,13 +181,14 @@ def prediction(judgement: Judgement, scales: Scales) -> pd.DataFrame:
     """The table ``prediction``: every follower, model and horizon that is in view."""
     r, rows = judgement.responses, judgement.rows
     about = rows[["event_id", "recording_id", "follower", "class"]].assign(
-        spacing_m=r.x_ahead[0] - r.x[0], closing_mps=r.v[0] - r.v_ahead[0], speed_mps=r.v[0]
-    )
+        spacing_m=r.x_ahead[0] - r.x[0], closing_mps=r.v[0] - r.v_ahead[0], speed_mps=r.v[0],
+        density_vehpkm=rows["density"],
+    )  # fmt: skip
     parts = []
     for name, found in judgement.simulated.items():
         for horizon in HORIZONS:
             seen = in_view(r, horizon)
-            judged = judge(found, r, horizon, scales)
+            judged = judge(found, r, horizon, scales, ahead=judgement.ahead[name])
             parts.append(about.assign(model=name, horizon_s=horizon, **_judged_columns(judged))[seen])
     return _table("prediction", parts)
 
@@ -194,135 +205,6 @@ def _table(name: str, parts: list[pd.DataFrame]) -> pd.DataFrame:
     if not parts or not sum(map(len, parts)):
         return pd.DataFrame(columns=columns, dtype=object)
     return pd.concat(parts, ignore_index=True)[columns].sort_values(list(table.order), ignore_index=True)
-
-
-def strata(frame: pd.DataFrame) -> dict[str, pd.Series]:
-    """The classes of each stratification of rows of ``prediction``."""
-    spacing = _classes(frame["spacing_m"], SPACINGS, "m")
-    closing = _classes(frame["closing_mps"], CLOSINGS, "m/s")
-    speed = _classes(frame["speed_mps"], (10.0, 20.0, 30.0), "m/s")
-    return {
-        "all": pd.Series("all", frame.index),
-        "class": "class " + frame["class"],
-        "spacing": "spacing " + spacing,
-        "closing": "closing " + closing,
-        "speed": "speed " + speed,
-        "recording": "recording " + frame["recording_id"].map("{:02d}".format),
-    }
-
-
-def _classes(values: pd.Series, bounds: tuple[float, ...], unit: str) -> pd.Series:
-    labels = np.array(class_labels(bounds, unit), dtype=object)
-    return pd.Series(labels[np.searchsorted(bounds, values, side="right")], values.index)
-
-
-def prediction_summary(table: pd.DataFrame, default: str, *, confidence: float) -> pd.DataFrame:
-    """The table ``prediction_summary`` of HV_1. default: the model that plans."""
-    first = table[table["follower"] == 1]
-    columns = list(TABLES["prediction_summary"].column_names)
-    if first.empty:
-        return pd.DataFrame(columns=columns, dtype=object)
-    rows = []
-    for label in strata(first).values():
-        for (stratum, horizon), part in first.groupby([label, "horizon_s"], sort=True):
-            rows += list(_summary_rows(str(stratum), float(str(horizon)), part, default, confidence))
-    return pd.DataFrame(rows, columns=columns).sort_values(["model", "stratum", "horizon_s"], ignore_index=True)
-
-
-def _summary_rows(
-    stratum: str, horizon: float, part: pd.DataFrame, default: str, confidence: float
-) -> Iterator[dict[str, object]]:
-    errors = part.pivot_table(index="event_id", columns="model", values="error_speed_mps")
-    clusters = part.groupby("event_id")["recording_id"].first().reindex(errors.index).to_numpy()
-    absolute = errors.abs()
-    mean: dict[Hashable, float] = absolute.mean().to_dict()
-    naive = [name for name in names.NAIVE_MODELS if name in mean]
-    best = min(naive, key=mean.__getitem__) if naive else ""
-    for name, own in part.groupby("model", sort=False):
-        error, size = errors[name].to_numpy(), absolute[name].to_numpy()
-        usable = ~own["contact"].to_numpy(bool)
-        row: dict[str, object] = {"model": name, "stratum": stratum, "horizon_s": horizon, "n_events": len(error)}
-        row |= _with_interval("bias", error, clusters, confidence)
-        row |= _with_interval("mae", size, clusters, confidence)
-        squares = _with_interval("rmse", error**2, clusters, confidence)
-        row |= {
-            key: float(np.sqrt(max(value, 0.0))) if value == value else np.nan for key, value in squares.items()
-        }
-        for column, reference in (("skill_constant", names.CONSTANT_SPEED), ("skill_naive", best)):
-            row |= _skill(column, size, absolute, reference, clusters, confidence)
-        row |= {name_: float(own.loc[usable, name_].mean()) if usable.any() else np.nan for name_ in _MEANS}
-        loss_error = (own["loss_simulated"] - own["loss_recorded"]).abs()[usable]
-        row |= {
-            "best_naive": best,
-            "loss_error": float(loss_error.mean()) if usable.any() else np.nan,
-            "contacts": int((~usable).sum()),
-            "default": name == default,
-        }
-        yield row
-
-
-_MEANS = ("peak_decel_simulated", "peak_decel_recorded", "comfort_simulated", "comfort_recorded")
-
-
-def _with_interval(
-    name: str, values: FloatArray, clusters: NDArray[np.int64], confidence: float
-) -> dict[str, float]:
-    low, high = cluster_interval(values, np.ones(len(values)), clusters, confidence=confidence)
-    return {name: float(values.mean()), f"{name}_low": low, f"{name}_high": high}
-
-
-def _skill(
-    column: str, size: FloatArray, absolute: pd.DataFrame, reference: str, clusters: NDArray[np.int64],
-    confidence: float,
-) -> dict[str, float]:  # fmt: skip
-    """1 - mean |error| over that of a reference model; the interval is that of the ratio over recordings."""
-    if reference not in absolute or not absolute[reference].sum() > 0.0:
-        return dict.fromkeys((column, f"{column}_low", f"{column}_high"), np.nan)
-    against = absolute[reference].to_numpy()
-    low, high = cluster_interval(size, against, clusters, confidence=confidence)
-    return {
-        column: 1.0 - float(size.sum() / against.sum()),
-        f"{column}_low": 1.0 - high,
-        f"{column}_high": 1.0 - low,
-    }
-
-
-def dose_response(table: pd.DataFrame) -> pd.DataFrame:
-    """The table ``dose_response``: HV_1's change of speed by spacing and closing speed, recorded and simulated."""
-    first = table[(table["follower"] == 1) & table["horizon_s"].isin((3.0, 5.0, 8.0))]
-    columns = list(TABLES["dose_response"].column_names)
-    if first.empty:
-        return pd.DataFrame(columns=columns, dtype=object)
-    spacing = _classes(first["spacing_m"], SPACINGS, "m")
-    closing = _classes(first["closing_mps"], CLOSINGS, "m/s")
-    rows = []
-    for key, part in first.groupby([spacing, closing, first["horizon_s"]]):
-        one = part.drop_duplicates("event_id")
-        recorded = _dose(one["change_recorded_mps"], one["peak_decel_recorded"])
-        band = recorded["sd"] / np.sqrt(recorded["n_events"])
-        rows.append(
-            dict(zip(("spacing", "closing", "horizon_s"), key, strict=True)) | {"model": RECORDED} | recorded
-        )
-        for name, own in part[~part["contact"].astype(bool)].groupby("model", sort=False):
-            found = _dose(own["change_simulated_mps"], own["peak_decel_simulated"])
-            within = bool(abs(found["change"] - recorded["change"]) <= band) if band == band else None
-            rows.append(
-                dict(zip(("spacing", "closing", "horizon_s"), key, strict=True))
-                | {"model": name, "within": within}
-                | found
-            )
-    frame = pd.DataFrame(rows, columns=columns)
-    return frame.sort_values(["model", "spacing", "closing", "horizon_s"], ignore_index=True)
-
-
-def _dose(change: pd.Series, peak: pd.Series) -> dict[str, float]:
-    return {
-        "n_events": len(change),
-        "change": float(change.mean()),
-        "sd": float(change.std(ddof=1)) if len(change) > 1 else np.nan,
-        "peak_decel": float(peak.mean()),
-        "peak_decel_95": float(peak.quantile(0.95)),
-    }
 
 
 def externality(judgement: Judgement, scales: Scales, controls: pd.DataFrame) -> pd.DataFrame:
@@ -348,16 +230,3 @@ def externality(judgement: Judgement, scales: Scales, controls: pd.DataFrame) ->
             change = loss_change(simulated.v[:last, keep], scales)
             parts.append(about.assign(source=name, loss_change=change)[~met])
     return _table("externality", parts)
-
-
-def externality_balance(controls: pd.DataFrame) -> pd.DataFrame:
-    """The table ``externality_balance``: how alike the matched events and their controls are."""
-    matched = controls[(controls["n_controls"] > 0) & (controls["horizon_s"] == EXTERNALITY_HORIZONS[0])]
-    rows = []
-    for name in COVARIATES if len(matched) else ():
-        event, control = matched[f"event_{name}"], matched[f"control_{name}"]
-        spread = float(event.std(ddof=1)) if len(event) > 1 else np.nan
-        difference = (event.mean() - control.mean()) / spread if spread > 0.0 else np.nan
-        rows.append((name, len(event), event.mean(), control.mean(), difference))
-    columns = list(TABLES["externality_balance"].column_names)
-    return pd.DataFrame(rows, columns=columns).sort_values("covariate", ignore_index=True)

@@ -4,7 +4,8 @@ The population that is fitted to them as a TOML file: exported by a run, to be c
 """
 
 import tomllib
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
+from itertools import accumulate
 from pathlib import Path
 from typing import Any, Final
 
@@ -13,13 +14,15 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from highd_lc.drivers.population import CONSTANTS, NAMES, Population
+from highd_lc.drivers.prediction import Scales, motion_loss
 from highd_lc.drivers.responses import HORIZON, NO_LEADER, SAMPLES, Responses
 from highd_lc.io import atomic
+from highd_lc.planning.candidates import LossTerms
 from highd_lc.planning.scene import Motion, Scene, pack
 from highd_lc.stages.scenes import SceneTables, of_own_fits, scene_makers
 from highd_lc.vocab import names
 from highd_lc.vocab.errors import SettingsError, told
-from highd_lc.vocab.settings import ValidateSettings
+from highd_lc.vocab.settings import LossSettings, ValidateSettings
 
 FloatArray = NDArray[np.float64]
 Row = dict[str, Any]
@@ -35,7 +38,7 @@ _OTHERS = ("target_leader_id", "origin_leader_id", "origin_follower_id")
 
 
 def response_rows(
-    tables: SceneTables, settings: ValidateSettings, drifts: "Drifts", *, location: int, failed: list[str]
+    tables: SceneTables, settings: ValidateSettings, traffic: "Traffic", *, location: int, failed: list[str]
 ) -> Iterator[Row]:
     """The rows of ``responses`` of a recording: every follower of every event while he and his leader are seen.
 
@@ -52,7 +55,7 @@ def response_rows(
     classes = dict(zip(tables.vehicles["vehicle_id"], tables.vehicles["class"], strict=True))
     for event_id, make in scene_makers(tables, recorded):
         try:
-            found = list(_event_rows(make(), events[event_id], tables, recorded, drifts))
+            found = list(_event_rows(make(), events[event_id], tables, recorded, traffic))
         except Exception as error:
             # One bad event never stops the others: it is told, and validate leaves it out.
             failed.append(told(event_id, error))
@@ -62,16 +65,14 @@ def response_rows(
 
 
 def _event_rows(
-    scene: Scene, event: Row, tables: SceneTables, settings: ValidateSettings, drifts: "Drifts"
+    scene: Scene, event: Row, tables: SceneTables, settings: ValidateSettings, traffic: "Traffic"
 ) -> Iterator[Row]:
     vehicles = [int(event["ego_id"]), *map(int, event["follower_ids"])]
     involved = [*vehicles, *_known(event[role] for role in _OTHERS)]
-    drift, seen = drifts.without(vehicles[0], involved), SAMPLES
+    drift, seen = traffic.drift_without(vehicles[0], involved), samples_in_view(scene)
+    density = traffic.density(vehicles[0], int(event["start_frame"]))
     for rank in range(1, len(vehicles)):
         track = tables.tracks[scene.event_id, names.target_follower(rank)]
-        row = _row(scene, rank, settings)
-        # Behind somebody who is out of view nobody is judged.
-        seen = min(seen, row["n"])
         yield {
             "event_id": scene.event_id,
             "recording_id": int(event["recording_id"]),
@@ -80,9 +81,34 @@ def _event_rows(
             "time": float(event["start_frame"] - 1) / float(event["frame_rate"]),
             "a_0": _acceleration_before(track["t"], track["ax"]),
             "drift": drift,
-            **row,
-            "n": seen,
+            "density": density,
+            **_row(scene, rank, settings),
+            "n": seen[rank - 1],
         }
+
+
+def samples_in_view(scene: Scene) -> list[int]:
+    """Samples over which each follower is judged behind the recorded ego: filmed, in their lanes, at most 8 s.
+
+    Behind somebody who is out of view nobody is judged.
+    """
+    ego = len(scene.driver.x)
+    return list(accumulate(map(_keeps_lane, scene.followers.recorded), min, initial=min(ego, SAMPLES)))[1:]
+
+
+def loss_in_view(v: Sequence[FloatArray], scene: Scene, terms: LossTerms, loss: LossSettings) -> float:
+    """Weighted loss of the followers' speeds v over ``samples_in_view``, comfort of the speeds smoothed over 1 s.
+
+    The recorded followers, those of every policy and those behind the recorded ego are so charged alike. Who is in
+    view for too short a time for a comfort is left out; NaN if all are.
+    """
+    total = np.nan
+    for i, seen in enumerate(samples_in_view(scene)):
+        scales = Scales(float(terms.hv_ref[i]), loss.comfort_scale, loss.efficiency_scale)
+        one = float(motion_loss(v[i][:seen, None], scales)[0])
+        if one == one:
+            total = float(terms.weights[i]) * one + (total if total == total else 0.0)
+    return total
 
 
 def _row(scene: Scene, rank: int, settings: ValidateSettings) -> Row:
@@ -90,7 +116,7 @@ def _row(scene: Scene, rank: int, settings: ValidateSettings) -> Row:
     followers, own = scene.followers, scene.followers.recorded[rank - 1]
     front = own.x + own.length / 2.0
     if rank == 1:
-        ahead_x, ahead_v, seen = scene.driver.x + scene.length / 2.0, scene.driver.vx, len(scene.driver.x)
+        ahead_x, ahead_v = scene.driver.x + scene.length / 2.0, scene.driver.vx
         packed = pack(scene, settings)
         before_x, before_v = (
             np.where(np.isinf(packed.target_front), NO_LEADER, packed.target_front),
@@ -100,16 +126,14 @@ def _row(scene: Scene, rank: int, settings: ValidateSettings) -> Row:
         progress = np.maximum.accumulate(np.clip(scene.driver.y / scene.lateral_shift, 0.0, 1.0))
     else:
         leader = followers.recorded[rank - 2]
-        ahead_x, ahead_v, seen = leader.x + leader.length / 2.0, leader.v, _keeps_lane(leader)
+        ahead_x, ahead_v = leader.x + leader.length / 2.0, leader.v
         before_x, before_v, lengths = ahead_x, ahead_v, (leader.length, leader.length)
         progress = np.ones(SAMPLES)
-    n = min(_keeps_lane(own), seen, SAMPLES)
     series = (front, own.v, before_x, before_v, ahead_x, ahead_v, progress)
     gap = before_x[0] - lengths[0] - front[0]
     close = before_x[0] - front[0] < FOLLOWED[0] and abs(before_v[0] - own.v[0]) < FOLLOWED[1] and own.v[0] > 1.0
     return {
         **{name: _filled(values).tolist() for name, values in zip(SERIES, series, strict=True)},
-        "n": n,
         "before_length": lengths[0],
         "ahead_length": lengths[1],
         "time_gap": float(gap / own.v[0]) if close else np.nan,
@@ -137,20 +161,38 @@ def _acceleration_before(t: FloatArray, a: FloatArray) -> float:
     return float(a[before].mean()) if before.any() else float(a[0])
 
 
-class Drifts:
-    """The drift of each carriageway: the median over its vehicles of their mean acceleration in view [m/s^2]."""
+class Traffic:
+    """The traffic of each carriageway: its drift and its density.
 
-    def __init__(self, vehicles: pd.DataFrame) -> None:
-        self._of = {
-            int(str(direction)): part.set_index("vehicle_id")["mean_acceleration"].dropna()
-            for direction, part in vehicles.groupby("driving_direction")
-        }
+    Drift: the median over its vehicles of their mean acceleration in view [m/s^2]. road: of each carriageway the
+    kilometres of lane that are in view; a carriageway that it does not name has no density.
+    """
+
+    def __init__(self, vehicles: pd.DataFrame, road: dict[int, float]) -> None:
+        groups = vehicles.set_index("vehicle_id").groupby("driving_direction")
+        self._of = {int(str(direction)): part for direction, part in groups}
         self._direction = dict(zip(vehicles["vehicle_id"], vehicles["driving_direction"], strict=True))
+        self._road = road
 
-    def without(self, vehicle: int, event: list[int]) -> float:
+    def drift_without(self, vehicle: int, event: list[int]) -> float:
         """The drift of the carriageway of a vehicle, from all that take no part in an event; 0 if none."""
-        others = self._of.get(int(self._direction[vehicle]), pd.Series(dtype=float)).drop(event, errors="ignore")
+        own = self._of[int(self._direction[vehicle])]["mean_acceleration"]
+        others = own.dropna().drop(event, errors="ignore")
         return float(others.median()) if len(others) else 0.0
+
+    def density(self, vehicle: int, frame: int) -> float:
+        """Vehicles in view in a frame on the carriageway of a vehicle [veh/km and lane]; NaN if not known."""
+        direction = int(self._direction[vehicle])
+        own, kilometres = self._of[direction], self._road.get(direction, 0.0)
+        seen = ((own["first_frame"] <= frame) & (own["last_frame"] >= frame)).sum()
+        return float(seen) / kilometres if kilometres > 0.0 else np.nan
+
+
+def lane_kilometres(recordings: pd.DataFrame) -> dict[int, float]:
+    """Of each carriageway the kilometres of lane in view. recordings: rows of that table of one recording."""
+    lanes = recordings["markings"].map(len) - 1
+    kilometres = lanes * (recordings["exit_m"] - recordings["entry_m"]) / 1000.0
+    return dict(zip(recordings["driving_direction"].astype(int), kilometres.astype(float), strict=True))
 
 
 def responses_of(rows: pd.DataFrame) -> Responses:

@@ -27,6 +27,7 @@ from highd_lc.stages.population_tables import (
     start_map,
     worse_for_somebody,
 )
+from highd_lc.stages.responses import loss_in_view
 from highd_lc.stages.scenes import (
     SceneTables,
     driven_by,
@@ -298,6 +299,8 @@ def loss_row(problem: PlanningProblem, plan: Plan, scores: Scores) -> Row:
         # What a motion costs in which vehicles pass through one another is not a loss.
         row |= charges.losses_at(losses, plan.accounting, terms, n=n, dt=dt)
         row["loss_hv_increment"] = row["loss_hv"] - scores.hv_unchanged(charged)
+        if problem.scene.human is not None and problem.scene.followers.recorded:
+            row["loss_hv_in_view"] = loss_in_view(list(plan.replay.v), problem.scene, terms, settings)
     if plan.policy == names.HUMAN:
         recorded = problem.scene.followers.recorded
         # Behind the recorded ego both: once it is out of view the simulated ones follow somebody else.
@@ -306,6 +309,7 @@ def loss_row(problem: PlanningProblem, plan: Plan, scores: Scores) -> Row:
         if plan.contact:
             row["loss_hv_simulated"] = np.nan
         row["av_comfort_raw"] = problem.scene.driver.comfort_raw / settings.comfort_scale
+        row["loss_hv_in_view_recorded"] = loss_in_view([m.v for m in recorded], problem.scene, terms, settings)
     row |= scores.safety(plan, charged)
     row["peak_follower_decel"] = charges.peak_deceleration(plan.replay.a, charged)
     return row

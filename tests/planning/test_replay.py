@@ -125,11 +125,11 @@ def test_behind_the_human_half_of_the_way_is_what_its_y_says_and_not_the_lane_id
     y = np.linspace(0.0, scene.lateral_shift, 61)  # half of the way is sample 30
     human = replace(scene.human, **dict.fromkeys(("x", "vx", "vy", "ax", "jx", "jy"), y), y=y, crossing=41)
     moments = {0.0: 0, 0.5: 30, 0.75: 45}
-    for moment, sample in moments.items():
+    for moment, since in moments.items():
         followers = replace(scene.followers, moment=np.full(len(scene.followers.x), moment))
         packed = pack(replace(scene, human=human, followers=followers), SETTINGS)
         motion = human_motion(human, packed)
-        assert (motion.crossing, module.joins(motion, packed)) == (41, sample)
+        assert (motion.crossing, module.joins(motion, packed)) == (41, since)
     plan = plan_motion(Quintic(packed.v0, packed.D, 5.0, 130.0, packed.v0), packed)
     halfway = packed._replace(reactions=np.where(np.arange(7) == 6, 0.5, packed.reactions))
     assert module.joins(plan, halfway) == plan.crossing == 25

@@ -18,7 +18,7 @@ MODELS = {
     "own_fit+relaxation": 0.9, names.TABLE3: 2.4, DEFAULT: 0.5, "population-memory": 0.8,
 }  # fmt: skip
 """Scale of each model's error."""
-SPACINGS, CLOSINGS = ("20 - 35", "35 - 60", "< 20", "> 60"), ("-2 .. 0", "0 .. 2", "2 .. 5", "< -2", "> 5")
+SPACINGS, CLOSINGS = ("20 .. 35", "35 .. 60", "< 20", "> 60"), ("-2 .. 0", "0 .. 2", "2 .. 5", "< -2", "> 5")
 
 
 @cache
@@ -36,12 +36,14 @@ def prediction(n: int = 40, recordings: int = 6, *, seed: int = 3) -> pd.DataFra
             rows.append({
                 "event_id": event, "recording_id": 1 + k % recordings, "follower": 1, "model": model,
                 "horizon_s": h, "class": names.TRUCK if k % 4 == 0 else names.CAR, "spacing_m": 10.0 + 2 * k,
+                "density_vehpkm": 9.0 + k,
                 "closing_mps": closing, "speed_mps": 28.0, "error_speed_mps": error,
                 "error_position_m": error * h / 2, "rmse_speed_mps": abs(error) / 2,
                 "change_simulated_mps": -1.0 + error, "change_recorded_mps": -1.0,
                 "peak_decel_simulated": 0.3 + scale / 2, "peak_decel_recorded": 0.3,
                 "comfort_simulated": 2 + scale, "comfort_recorded": 2.0,
                 "loss_simulated": 9.0 + scale * (k + 1) / n * h, "loss_recorded": 9.0, "contact": False,
+                "contact_recorded": False,
             })  # fmt: skip
     return pd.DataFrame(rows, columns=list(TABLES["prediction"].column_names))
 
@@ -50,7 +52,7 @@ def prediction_summary(table: pd.DataFrame, *, intervals: bool = True) -> pd.Dat
     """The summary of ``prediction`` over all events, by class and by recording; intervals of +- 0.1."""
     strata = [("all", table)]
     strata += [(f"class={c}", rows) for c, rows in table.groupby("class")]
-    strata += [(f"recording={r}", rows) for r, rows in table.groupby("recording_id")]
+    strata += [(f"recording={r:02d}", rows) for r, rows in table.groupby("recording_id")]
     rows = [_row(stratum, cell, intervals=intervals) for stratum, part in strata for cell in _cells(part)]
     return pd.DataFrame(rows, columns=list(TABLES["prediction_summary"].column_names))
 
@@ -79,7 +81,8 @@ def _row(stratum, cell, *, intervals):
     return {
         "model": model, "stratum": stratum, "horizon_s": h, "n_events": len(mine), **values, **ends, **means,
         "best_naive": best, "loss_error": (mine["loss_simulated"] - mine["loss_recorded"]).abs().mean(),
-        "contacts": 2 if model == names.TABLE3 else 0, "default": model == DEFAULT,
+        "contacts": 2 if model == names.TABLE3 else 0, "contacts_recorded": 1, "default": model == DEFAULT,
+        "interval": "recordings" if intervals else "", "reason": "" if intervals else "fewer than five recordings",
     }  # fmt: skip
 
 
@@ -95,7 +98,8 @@ def dose_response() -> pd.DataFrame:
         rows.append({
             "model": model, "spacing": s, "closing": c, "horizon_s": h, "n_events": 9 + i + j,
             "change": -0.2 * j - off, "sd": 0.9, "peak_decel": 0.3 + off, "peak_decel_95": 0.9,
-            "within": None if model == "recorded" else off < 0.1,
+            "within": None if model == "recorded" else off < 0.1, "change_recorded": -0.2 * j, "sd_recorded": 0.9,
+            "peak_decel_recorded": 0.3, "left_out": 3 if model == names.TABLE3 else 0,
         })  # fmt: skip
     return pd.DataFrame(rows, columns=list(TABLES["dose_response"].column_names))
 
@@ -119,27 +123,47 @@ def externality(table: pd.DataFrame) -> pd.DataFrame:
 def balance() -> pd.DataFrame:
     """One covariate is out of balance."""
     return pd.DataFrame({
-        "covariate": ["speed_mps", "spacing_m"], "n": 26, "mean_event": [28.0, 31.0],
+        "covariate": ["speed_mps", "spacing_m"], "horizon_s": 5.0, "n": 26, "share_matched": 0.65,
+        "mean_event": [28.0, 31.0],
         "mean_control": [28.1, 36.0], "standardised_difference": [0.03, 0.4],
     })  # fmt: skip
 
 
-def losses(table: pd.DataFrame, change: float = -0.25) -> pd.DataFrame:
-    """The local optimum changes the followers' loss by ``change``, with a free end speed by four times that."""
+def losses(table: pd.DataFrame, change: float = -0.25, error: float = 0.5) -> pd.DataFrame:
+    """The local optimum changes the followers' loss by ``change``, with a free end speed by four times that.
+
+    The errors of the model grow from event to event; their mean size is ``error``.
+    """
     factor = {names.BENCHMARK: 0, names.LOCAL_OPTIMUM: 1, names.BENCHMARK_FREE: 0, names.LOCAL_OPTIMUM_FREE: 4}
-    cells = product(table["event_id"].unique(), factor.items(), names.ACCOUNTINGS)
+    events = table["event_id"].unique()
+    rows = []
+    for (k, e), (q, f), a in product(enumerate(events), (*factor.items(), (names.HUMAN, 0)), names.ACCOUNTINGS):
+        missed = error * 2 * (k + 1) / (len(events) + 1) * (-1) ** k if q == names.HUMAN else 0.0
+        rows.append({
+            "event_id": e, "policy": q, "accounting": a, "loss_av": 9.0, "loss_hv": 8.0, "loss_total": 17.0,
+            "loss_hv_in_view": 8.0 + f * change + missed,
+            "loss_hv_in_view_recorded": 8.0 if q == names.HUMAN else np.nan,
+        })  # fmt: skip
+    columns = ["event_id", "policy", "accounting", "loss_av", "loss_hv", "loss_total"]
+    return pd.DataFrame(rows, columns=[*columns, "loss_hv_in_view", "loss_hv_in_view_recorded"])
+
+
+def aims() -> pd.DataFrame:
+    """Of the model that plans a few aims: met, not met, not known; of another one alone."""
+    about = {"observed": np.nan, "low": np.nan, "high": np.nan, "interval": "", "reason": ""}
     rows = [
-        {
-            "event_id": e,
-            "policy": q,
-            "accounting": a,
-            "loss_av": 9.0,
-            "loss_hv": 8.0 + f * change,
-            "loss_total": 17.0,
-        }
-        for e, (q, f), a in cells
-    ]
-    return pd.DataFrame(rows, columns=["event_id", "policy", "accounting", "loss_av", "loss_hv", "loss_total"])
+        {"aim": "skill_constant", "horizon_s": 5.0, "value": 0.55, "low": 0.5, "n": 40, "met": True},
+        {"aim": "bias", "horizon_s": 5.0, "value": -0.3, "low": -0.1, "high": 0.1, "n": 40, "met": False},
+        {"aim": "dose_response", "horizon_s": 5.0, "value": 12.0, "low": 12.0, "n": 16, "met": True},
+        {"aim": "dose_response", "horizon_s": 8.0, "value": np.nan, "n": 0, "met": None,
+         "reason": "fewer than five events"},
+        {"aim": "peak_decel", "horizon_s": 5.0, "value": 0.5, "observed": 0.3, "low": 0.2, "high": 0.4, "n": 40,
+         "interval": "recordings", "met": False},
+        {"aim": "contacts", "horizon_s": 8.0, "value": 1.0, "observed": 2.0, "high": 2.0, "n": 55, "met": True},
+    ]  # fmt: skip
+    mine = [about | row | {"model": DEFAULT, "default": True} for row in rows]
+    other = about | rows[0] | {"model": names.TABLE3, "default": False, "value": -1.4, "met": False}
+    return pd.DataFrame([*mine, other], columns=list(TABLES["prediction_aims"].column_names))
 
 
 @cache
@@ -148,6 +172,7 @@ def sample_prediction(n: int = 40, recordings: int = 6, *, intervals: bool = Tru
     table = prediction(n, recordings)
     return PredictionTables(
         prediction=table, prediction_summary=prediction_summary(table, intervals=intervals),
+        prediction_aims=aims(),
         dose_response=dose_response(), externality=externality(table), externality_balance=balance(),
         losses=losses(table),
     )  # fmt: skip

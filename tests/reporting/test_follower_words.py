@@ -1,5 +1,7 @@
 """What is said in front of every gain is what the tables hold, whatever they hold."""
 
+from dataclasses import replace
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -10,7 +12,7 @@ from sample_prediction import DEFAULT, losses, nobody, prediction, prediction_su
 from highd_lc.reporting.follower_words import Effect, effects_of, error_over_effect, followers_say, times
 from highd_lc.vocab import names
 
-FIXED, FREE = Effect("fixed", 0.36, 60), Effect("free", 1.44, 60)
+FIXED, FREE = (Effect(form, 4.32, 2.76, mean, 0.0002, 60) for form, mean in (("fixed", 0.36), ("free", 1.44)))
 
 
 def summary_with(horizons=(5.0, 8.0), **values: float) -> pd.DataFrame:
@@ -56,13 +58,18 @@ def test_effects_are_mean_absolute_changes_of_the_followers_loss_under_equal():
     table = losses(prediction(6), change=-0.25)
     ids = table["event_id"].unique()
     turned = (table["event_id"] == ids[0]) & (table["policy"] == names.LOCAL_OPTIMUM)
-    table.loc[turned, "loss_hv"] += 1.0  # +0.75 in one of six events
-    table.loc[table["accounting"] != names.EQUAL, "loss_hv"] *= 9.0
-    table.loc[(table["event_id"] == ids[1]) & (table["policy"] == names.BENCHMARK), "loss_hv"] = np.nan
+    table.loc[turned, "loss_hv_in_view"] += 1.0  # +0.75 in one of six events
+    table.loc[table["accounting"] != names.EQUAL, "loss_hv_in_view"] *= 9.0
+    table.loc[(table["event_id"] == ids[1]) & (table["policy"] == names.BENCHMARK), "loss_hv_in_view"] = np.nan
     fixed, free = effects_of(table)
     assert (fixed.form, fixed.n, free.form, free.n) == ("fixed", 5, "free", 6)
     assert fixed.mean == pytest.approx((0.75 + 4 * 0.25) / 5)
     assert free.mean == pytest.approx(1.0)
+    sizes = np.array([1, 2, 3, 4, 5, 6]) / 7  # the sample's errors, mean 0.5; the second event has no effect
+    assert free.error == pytest.approx(0.5)
+    assert fixed.error == pytest.approx(np.delete(sizes, 1).mean())
+    assert (fixed.error_median, fixed.median) == pytest.approx((4 / 7, 0.25))
+    assert fixed.ratio == pytest.approx(fixed.error / fixed.mean)
 
 
 def test_forms_without_plans_have_no_effect():
@@ -136,33 +143,45 @@ def test_no_interval_is_said_once_and_leaves_no_brackets():
 def test_braking(simulated, recorded, words):
     text = said(summary_with(peak_decel_simulated=simulated, peak_decel_recorded=recorded, contacts=3))[1]
     assert text.startswith(f"The model brakes {words} (mean peak braking over 5 s ")
-    assert text.endswith("in 3 of 40 events it drives into the vehicle ahead.")
+    assert text.endswith("in 3 of 40 events it drives into the vehicle ahead, recorded drivers in 1.")
+
+
+def scaled(error, *effects):
+    return [replace(effect, error=error) for effect in effects]
 
 
 def test_an_error_of_twelve_times_the_effect_hides_the_gain():
-    _, _, error, follows = said(summary_with(loss_error=4.32), [FIXED, FREE])
+    _, _, error, follows = said(sample_prediction().prediction_summary, [FIXED, FREE])
     assert error == (
-        "HV 1's loss is missed by 4.32 (mean absolute error over 8 s); the local optimum changes the followers' "
-        "loss by 0.36 (fixed end speed), 1.44 (free end speed), mean absolute effect."
+        "While the followers are filmed behind the recorded lane changer, at most 8 s, their loss is missed by "
+        "4.32 (mean absolute error; median 2.76), and the local optimum changes it over the same samples by 0.36 "
+        "(fixed end speed; median 0.0002), 1.44 (free end speed; median 0.0002), mean absolute effect, 60 events."
     )
     assert follows == (
         "The gain cannot be seen: the error is 12 times the effect (fixed end speed), 3.0 times (free end speed)."
     )
 
 
+def test_errors_of_other_events_are_told_apart():
+    text = said(sample_prediction().prediction_summary, [FIXED, replace(FREE, error=2.0, n=1)])[2]
+    assert "by 4.32 (mean absolute error; median 2.76)" in text
+    assert "60 events; by 2.00 (mean absolute error; median 2.76)" in text
+    assert text.endswith("mean absolute effect, 1 event.")
+
+
 def test_a_gain_is_seen_form_by_form():
-    table = skills((0.6, 0.5, 0.7), (0.3, 0.2, 0.4), loss_error=0.72)
-    assert said(table, [FIXED, FREE])[3] == (
+    table = skills((0.6, 0.5, 0.7), (0.3, 0.2, 0.4))
+    assert said(table, scaled(0.72, FIXED, FREE))[3] == (
         "The gain cannot be seen: the error is 2.0 times the effect (fixed end speed); the gain can be seen: the "
         "error is 0.50 times the effect (free end speed)."
     )
-    equal = skills((0.6, 0.5, 0.7), (0.3, 0.2, 0.4), loss_error=0.36)
-    assert said(equal)[3] == "The gain can be seen: the error is 1.0 times the effect (fixed end speed)."
+    equal = said(table, scaled(0.36, FIXED))[3]
+    assert equal == "The gain can be seen: the error is 1.0 times the effect (fixed end speed)."
 
 
 @pytest.mark.parametrize("constant", [(0.3, -0.1, 0.5), (-0.2, -0.3, -0.1), (0.9, np.nan, np.nan)])
 def test_followers_that_are_not_shown_to_be_predicted_leave_a_small_error_open(constant):
-    text = said(skills(constant, (0.3, 0.2, 0.4), loss_error=0.1))[3]
+    text = said(skills(constant, (0.3, 0.2, 0.4)), scaled(0.1, FIXED))[3]
     assert text.startswith(
         "The gain stays open: the error is 0.28 times the effect (fixed end speed), but the foll"
     )
@@ -170,26 +189,25 @@ def test_followers_that_are_not_shown_to_be_predicted_leave_a_small_error_open(c
 
 
 def test_no_effect_is_no_gain_to_see():
-    assert said(summary_with(loss_error=0.5), [Effect("fixed", 0.0, 9)])[3] == (
+    none = Effect("fixed", 0.5, 0.5, 0.0, 0.0, 9)
+    assert said(sample_prediction().prediction_summary, [none])[3] == (
         "The gain cannot be seen: there is no effect (fixed end speed)."
     )
 
 
 def test_without_plans_or_losses_the_gain_is_not_known():
-    assert said(summary_with(loss_error=0.5), [])[2:] == [
-        "HV 1's loss is missed by 0.50 (mean absolute error over 8 s). Whether the gain can be seen is not known: "
-        "there is no event with plans of both policies."
+    assert said(sample_prediction().prediction_summary, [])[2:] == [
+        "Whether the gain can be seen is not known: no event has plans of both policies and followers that are "
+        "filmed behind the recorded lane changer, without contacts."
     ]
-    assert said(summary_with(loss_error=np.nan))[2:] == [
-        "Whether the gain can be seen is not known: no loss can be compared over 8 s."
-    ]
+    table = losses(prediction(6)).assign(loss_hv_in_view_recorded=np.nan)
+    assert effects_of(table) == []
 
 
 def test_only_horizons_in_view_are_told():
     table = sample_prediction().prediction_summary
     short = said(table[table["horizon_s"] <= 5.0])
-    assert "8 s" not in " ".join(short)
-    assert "(mean absolute error over 5 s)" in short[2]
+    assert "8 s" not in short[0]
     nowhere = table.assign(n_events=table["n_events"].where(table["horizon_s"] < 5.0, 0))
     assert said(nowhere) == said(nobody().prediction_summary)
 

@@ -161,7 +161,7 @@ def test_the_matrix_shows_both_follower_models_the_default_first_and_strata_of_t
 def test_the_terminal_names_the_follower_models_only_if_there_are_several():
     one, both = matrix_table(matrix()), matrix_table(two_models())
     assert [column.header for column in one.columns][:2] == ["form", "accounting"]
-    assert [column.header for column in both.columns][:3] == ["followers", "form", "accounting"]
+    assert [column.header for column in both.columns][:3] == ["followers", "form", "charged"]
     assert list(both.columns[0].cells) == ["own_fit"] * 6 + ["table3"] * 6
 
 

@@ -1,6 +1,7 @@
 """The page on followers shows the numbers of its tables, and says what is not there."""
 
 import io
+import re
 from dataclasses import replace
 from functools import cache
 
@@ -13,6 +14,7 @@ from sample_prediction import (
     DEFAULT,
     HORIZONS,
     MODELS,
+    aims,
     dose_response,
     externality,
     nobody,
@@ -22,6 +24,7 @@ from sample_prediction import (
 )
 from sample_run import matrix, sample_run, sample_summary
 from sample_studies import studies
+from scipy import stats
 from test_pages_population import rows_of
 
 from highd_lc.reporting import figures_prediction as figures
@@ -33,7 +36,7 @@ from highd_lc.reporting.pages_index import index_page, summary_page
 from highd_lc.reporting.pages_population import matrix_page
 from highd_lc.reporting.pages_prediction import believed_section, prediction_page
 from highd_lc.reporting.pages_studies import studies_page
-from highd_lc.reporting.terminal import prediction_table
+from highd_lc.reporting.terminal import aims_table, prediction_lines, prediction_table
 from highd_lc.vocab import names
 
 
@@ -73,21 +76,58 @@ def test_likeness_has_simulated_beside_recorded_and_counts_contacts():
         numbers = [*(at.loc[model, name] for name in means), *own.loc[model], at.loc[model, "loss_error"]]
         assert row[1] == "40"
         assert row[7:14] == list(map(shown, numbers))
-    assert [rows[m][14] for m in ("own fit", "Table 3 means")] == ["0", "2"]
+    assert [rows[m][14:] for m in ("own fit", "Table 3 means")] == [["0", "1"], ["2", "1"]]
 
 
 def test_the_dose_response_has_its_classes_in_order_and_their_numbers():
     rows = rows_of(page(), after='id="dose"')[1:20]
-    assert list(dict.fromkeys(row[0] for row in rows)) == ["< 20", "20 – 35", "35 – 60", "> 60"]
+    assert list(dict.fromkeys(row[0] for row in rows)) == ["< 20", "20 .. 35", "35 .. 60", "> 60"]
     assert [row[1] for row in rows[:5]] == ["< −2", "−2 .. 0", "0 .. 2", "2 .. 5", "> 5"]
     table = dose_response().query("horizon_s == 5").set_index(["model", "spacing", "closing"])
     recorded = table.loc["recorded", "< 20", "2 .. 5"]
     n, change = recorded["n_events"], recorded["change"]
     models = [table.loc[m, "< 20", "2 .. 5"] for m in (DEFAULT, names.OWN_FIT, names.TABLE3)]
     expected = [str(n), shown(change), "0.90", shown(0.9 / np.sqrt(n)), *(shown(m["change"]) for m in models)]
-    assert rows[3][2:] == [*expected, "0.30", *(shown(m["peak_decel"]) for m in models)]
-    assert "Population: within the band in 19 of 19 classes after 5 s." in page()
-    assert "Own fit: within the band in 0 of 19 classes after 5 s." in page()
+    # Table 3 drives into somebody in three events of the class: they are left out, and it is said.
+    assert rows[3][2:] == [*expected, "3", "0.30", *(shown(m["peak_decel"]) for m in models)]
+    text = section(page(), "dose")
+    assert "within the band after 5 s: constant speed 0 of 19, " in text
+    assert "population 19 of 19, population without memory 19 of 19." in text
+
+
+def test_aims_stand_with_their_values_and_verdicts():
+    text = section(page(), "aims")
+    rows = rows_of(page(), after='id="aims"')[1:8]
+    assert rows[0] == ["skill against constant speed", "5", "0.55", "at least 0.50", "met"]
+    assert rows[1] == ["bias of speed [m/s]", "5", "−0.30", "−0.10 to 0.10", "not met"]
+    assert rows[2][2:] == ["12 of 16", "at least 12", "met"]
+    assert rows[3][2:] == ["–", "–", "not known: fewer than five events"]
+    assert rows[4][2:] == ["0.50", "0.20 to 0.40 (observed 0.30, interval over recordings)", "not met"]
+    assert rows[5][2:] == ["1 of 55", "at most 2", "met"]
+    assert "Table 3 means" in text
+    assert "The model meets 3 of the 6 aims" in section(page(), "believed")
+    assert "1 cannot be judged here" in section(page(), "believed")
+
+
+def test_each_recording_has_its_skill_and_a_verdict():
+    tables = sample_prediction()
+    rows = tables.prediction_summary.copy()
+    one = (rows["stratum"] == "recording=06") & (rows["model"] == DEFAULT) & (rows["horizon_s"] == 5.0)
+    skill = ["skill_constant", "skill_constant_low", "skill_constant_high"]
+    rows.loc[one, skill] = [-0.12, -0.20, -0.04]
+    none = (rows["stratum"] == "recording=02") & (rows["model"] == DEFAULT)
+    rows.loc[none, [*skill, "reason"]] = [0.3, np.nan, np.nan, "fewer than five events"]
+    text = prediction_page(replace(tables, prediction_summary=rows))
+    strata = section(text, "strata")
+    assert "recording 06: −0.12 (−0.20 .. −0.04), below 0" in strata
+    assert "recording 02: 0.30, not told from 0 (fewer than five events)" in strata
+    assert "recording 01: 0.50 (0.40 .. 0.60), above 0" in strata
+    below = "In 1 of 6 recordings its skill after 5 s is below 0: recording 06: −0.12 (−0.20 .. −0.04), below 0."
+    assert below in section(text, "believed").replace("\u00a0", " ")
+    assert "below 0" not in section(page(), "believed")
+    lines = prediction_lines(rows, dose_response())
+    assert lines[1] == "  constant_speed: 0 of 19"
+    assert lines[-1] == "  recording 06: −0.12 (−0.20 .. −0.04), below 0"
 
 
 @pytest.mark.parametrize(
@@ -105,31 +145,46 @@ def test_classes_stand_in_their_order(classes):
 def test_strata_hold_every_model():
     rows = rows_of(page(), after='id="strata"')
     assert [row[:3] for row in rows[1:3]] == [["class: Car", "1", "30"], ["class: Car", "2", "30"]]
-    assert ["constant speed", "recording: 6", "8", "4"] in [row[:4] for row in rows]
+    assert ["constant speed", "recording: 06", "8", "4"] in [row[:4] for row in rows]
 
 
 def test_strata_stand_in_the_order_of_their_classes():
     tables = sample_prediction(6, 2)
-    classes = ("spacing=20 - 35", "spacing=< 20", "recording=10", "recording=2")
+    classes = ("spacing=20 .. 35", "spacing=< 20", "recording=10", "recording=02")
     whole = tables.prediction_summary.query("stratum == 'all'")
     rows = pd.concat([whole, *(whole.assign(stratum=name) for name in classes)])
     text = prediction_page(replace(tables, prediction_summary=rows))
     shown_first = [row[0] for row in rows_of(text, after='id="strata"') if row[1:2] == ["5"]][:4]
-    spacings = ["spacing to HV 1: < 20 m", "spacing to HV 1: 20 − 35 m"]
-    assert shown_first == [*spacings, "recording: 2", "recording: 10"]
+    spacings = ["spacing to HV 1: < 20 m", "spacing to HV 1: 20 .. 35 m"]
+    assert shown_first == [*spacings, "recording: 02", "recording: 10"]
 
 
 def test_costs_are_means_by_source_and_beyond_the_controls():
     rows = rows_of(page(), after='id="cost"')
     wide = externality(prediction()).query("horizon_s == 5").pivot_table(
-        index="event_id", columns="source", values="loss_change"
+        index=["event_id", "recording_id"], columns="source", values="loss_change"
     )  # fmt: skip
     assert [row[0] for row in rows[1:6:2]] == ["observed", "controls, not cut in on", "constant speed"]
     for name, source in (("observed", "observed"), ("own fit", names.OWN_FIT)):
         row = next(row for row in rows if row[:2] == [name, "5"])
         beyond = (wide[source] - wide["control"]).dropna()
-        numbers = [shown(wide[source].mean(), 3), shown(wide[source].sem(), 3)]
-        assert row[2:] == ["40", *numbers, str(len(beyond)), shown(beyond.mean(), 3), shown(beyond.sem(), 3)]
+        assert row[2:] == [
+            "40", *over_recordings(wide[source]), shown(wide["observed"].mean(), 3),
+            "–" if source == "observed" else "1.6 times as much", str(len(beyond)), *over_recordings(beyond),
+        ]  # fmt: skip
+    said = section(page(), "cost").replace("\u00a0", " ")
+    assert "Over 5 s drivers pay 0.32 (" in said
+    assert "population 0.17, 0.53 times as much; own fit 0.50, 1.6 times as much; Table 3 means 0.74, 2.3" in said
+    assert next(row for row in rows if row[:2] == ["constant speed", "5"])[7] == "inside"
+
+
+def over_recordings(values):
+    """Mean and 95 % interval as the table has them, by Student's t over recordings, written anew."""
+    groups = values.groupby(level="recording_id")
+    off = groups.apply(lambda v: (v - values.mean()).sum())
+    error = np.sqrt(len(off) / (len(off) - 1) * (off**2).sum()) / len(values)
+    reach = stats.t.ppf(0.975, len(off) - 1) * error
+    return [shown(v, 3) for v in (values.mean(), values.mean() - reach, values.mean() + reach)]
 
 
 def test_covariates_out_of_balance_are_named():
@@ -139,12 +194,13 @@ def test_covariates_out_of_balance_are_named():
 
 def test_error_and_effect_stand_side_by_side():
     tables = sample_prediction()
-    mine = tables.prediction.query("horizon_s == 8 and model == @DEFAULT")
-    error = (mine["loss_simulated"] - mine["loss_recorded"]).abs()
+    human = tables.losses.query("policy == 'human' and accounting == 'equal'")
+    error = (human["loss_hv_in_view"] - human["loss_hv_in_view_recorded"]).abs()
+    assert error.mean() == pytest.approx(0.5)
     fixed, free = rows_of(page(), after='id="error"')[1:3]
-    assert fixed[1:6] == ["32", shown(error.mean(), 3), shown(error.median(), 3), "40", "0.250"]
-    assert fixed[7:] == ["−0.250", shown(error.mean() / 0.25), shown(100 * (error > 0.25).mean(), 1)]
-    assert free[8:] == [shown(error.mean()), shown(100 * (error > 1.0).mean(), 1)]
+    assert fixed[1:6] == ["40", "0.500", shown(error.median(), 3), "0.250", "0.2500"]
+    assert fixed[6:] == ["−0.250", "2.00", "2.00", shown(100 * (error > 0.25).mean(), 1)]
+    assert free[6:] == ["−1.000", "0.50", "0.50", shown(100 * (error > 1.0).mean(), 1)]
 
 
 def test_best_median_and_worst_followers_are_linked():
@@ -222,6 +278,8 @@ def test_names_of_users_models_are_text():
     ("name", "words"),
     [
         ("own_fit+relaxation", "own fit with relaxation"),
+        ("own_fit@crossing+memory", "own fit from the crossing with memory"),
+        ("table3@0.3", "Table 3 means from 0.3 of the way"),
         ("population-memory", "population without memory"),
         ("idm+memory-relaxation", "IDM with memory without relaxation"),
         ("my-model", "my-model"),
@@ -264,9 +322,18 @@ def test_the_terminal_shows_every_model_and_marks_the_one_that_plans():
     of = {line.split()[0]: line for line in lines if line.strip()}
     assert set(MODELS) <= set(of)
     assert of[DEFAULT].split()[1:6] == ["*", "40", "0.50", "0.40..0.60", "0.23"]
-    assert of[names.TABLE3].split()[-4:] == ["0.24", "1.50/0.30", of[names.TABLE3].split()[-2], "2"]
+    assert of[names.TABLE3].split()[-4:] == ["0.24", "1.50/0.30", of[names.TABLE3].split()[-2], "2/1"]
     assert "…" not in "".join(lines)
     assert max(map(len, lines)) <= 100
+
+
+def test_the_terminal_lists_the_aims_of_the_model_that_plans():
+    console = Console(width=100, file=io.StringIO())
+    console.print(aims_table(aims()))
+    text = console.file.getvalue()
+    assert re.search(r"classes of dose-response within the band +5 s +12 of 16 +at least 12 +met", text)
+    assert text.count("skill against constant speed") == 1
+    assert max(map(len, text.splitlines())) <= 100
 
 
 def test_the_terminal_says_what_is_missing():

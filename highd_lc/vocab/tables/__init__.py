@@ -306,6 +306,12 @@ LOSSES = Table(
         Column("follower_weights", "list<float64>", "weights of equation 17, nearest first; empty without a plan"),
         _number("loss_hv_recorded", "followers' loss from their recorded motion, aggregated", minimum=0),
         _number("loss_hv_simulated", "simulated counterpart of loss_hv_recorded over the same samples", minimum=0),
+        _number(
+            "loss_hv_in_view",
+            "followers' loss while filmed in their lanes behind the recorded ego, at most 8 s; smoothed comfort",
+            minimum=0,
+        ),
+        _number("loss_hv_in_view_recorded", "the same of their recorded motion (human only)", minimum=0),
         _count("recorded_n_samples", "samples behind loss_hv_recorded: follower and ego both in view"),
         _count("follower_n_samples", "follower samples charged; 0 when infeasible"),
         _number("av_comfort_raw", "AV's comfort from the recorded, unsmoothed path (human only)", minimum=0),

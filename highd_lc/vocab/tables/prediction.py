@@ -9,6 +9,26 @@ RECORDED: Final = "recorded"
 OBSERVED: Final = "observed"
 CONTROL: Final = "control"
 
+FEW_RECORDINGS: Final = "fewer than five recordings"
+FEW_EVENTS: Final = "fewer than five events"
+OVER_RECORDINGS: Final = "recordings"
+OVER_EVENTS: Final = "events"
+AIMS: Final = {
+    "skill_constant": (0.50, float("nan")),
+    "skill_naive": (0.20, float("nan")),
+    "recordings_below": (float("nan"), 0.0),
+    "bias": (-0.1, 0.1),
+    "dose_response": (0.75, float("nan")),
+    "peak_decel": (float("nan"), float("nan")),
+    "comfort": (float("nan"), float("nan")),
+    "externality": (float("nan"), float("nan")),
+    "contacts": (float("nan"), float("nan")),
+}
+"""What a model has to reach: the least and the largest value; NaN: none, or given by what was recorded.
+
+dose_response: the share of classes within the band.
+"""
+
 _EVENT = word("event_id", "RR-VVVV-FFFFF: recording, ego, crossing frame")
 _RECORDING = Column("recording_id", "int64", "number in the recording's file name", minimum=0)
 _FOLLOWER = Column("follower", "int64", "rank, 1 = nearest to the ego", minimum=1)
@@ -62,6 +82,9 @@ PREDICTION = Table(
         number("spacing_m", "front to front, from the follower to whom it gets as leader, at t_start", "m"),
         number("closing_mps", "speed over that leader's at t_start", "m/s"),
         number("speed_mps", "speed at t_start", "m/s"),
+        number(
+            "density_vehpkm", "the carriageway's vehicles in view at t_start, a km and lane", "veh/km", minimum=0
+        ),
         number("error_speed_mps", "simulated minus recorded speed at the horizon", "m/s"),
         number("error_position_m", "simulated minus recorded position at the horizon", "m"),
         number("rmse_speed_mps", "root mean square error of speed from 0 to the horizon", "m/s", minimum=0),
@@ -73,7 +96,12 @@ PREDICTION = Table(
         number("comfort_recorded", "the same of the recorded motion", minimum=0),
         number("loss_simulated", "loss of the smoothed simulated motion", minimum=0),
         number("loss_recorded", "loss of the recorded motion, smoothed alike, over the same samples", minimum=0),
-        Column("contact", "bool", "whether the simulated front passes the rear bumper ahead by then"),
+        Column(
+            "contact",
+            "bool",
+            "whether the simulated front passes the rear bumper ahead by then",
+        ),
+        Column("contact_recorded", "bool", "the same of the recorded front and who is recorded ahead"),
     ),
 )
 
@@ -103,7 +131,10 @@ PREDICTION_SUMMARY = Table(
         number("comfort_simulated", "mean comfort sum, simulated"),
         number("comfort_recorded", "mean comfort sum, recorded"),
         number("loss_error", "mean absolute difference of HV_1's loss, simulated minus recorded"),
-        count("contacts", "events with a contact by then; part of no other column"),
+        count("contacts", "events with a contact by then; part of no mean of braking, comfort and loss"),
+        count("contacts_recorded", "events with a recorded contact by then"),
+        word("interval", "units of the intervals: recordings, events (of one recording), or empty = none"),
+        word("reason", "why there is no interval, else empty"),
         Column("default", "bool", "the model that plans"),
     ),
 )
@@ -117,12 +148,16 @@ DOSE_RESPONSE = Table(
         word("spacing", "class of the spacing to the ego at t_start [m]"),
         word("closing", "class of HV_1's speed over the ego's at t_start [m/s]"),
         _HORIZON,
-        count("n_events", "events in view for that long"),
+        count("n_events", "events in view for that long, without contacts of the model"),
+        count("left_out", "events left out because of a contact of the model"),
         number("change", "mean change of HV_1's speed since t_start, drift taken out", "m/s"),
         number("sd", "standard deviation of that change", "m/s", minimum=0),
         number("peak_decel", "mean peak braking of the 1 s-smoothed speed", "m/s²", minimum=0),
         number("peak_decel_95", "95 % quantile of it", "m/s²", minimum=0),
-        Column("within", "bool", "whether change lies within sd / sqrt(n) of the recorded one", "", True),
+        number("change_recorded", "recorded mean change over the same events; null in the recorded rows", "m/s"),
+        number("sd_recorded", "its standard deviation over them", "m/s", minimum=0),
+        number("peak_decel_recorded", "recorded mean peak braking over them", "m/s²", minimum=0),
+        Column("within", "bool", "whether change is within sd_recorded / sqrt(n); null below 5 events", "", True),
     ),
 )
 
@@ -142,14 +177,36 @@ EXTERNALITY = Table(
 
 EXTERNALITY_BALANCE = Table(
     "externality_balance",
-    "covariate: how alike followers and matched controls are",
-    ("covariate",),
+    "covariate and horizon: how alike followers and matched controls are",
+    ("covariate", "horizon_s"),
     (
         word("covariate", "what was matched"),
+        _HORIZON,
         count("n", "matched events"),
+        number("share_matched", "share of the events in view that have controls", minimum=0, maximum=1),
         number("mean_event", "mean over the events"),
         number("mean_control", "mean over their controls"),
         number("standardised_difference", "difference of the means over the events' standard deviation"),
+    ),
+)
+
+PREDICTION_AIMS = Table(
+    "prediction_aims",
+    "model, aim and horizon: what followers of use have to reach, and whether they do",
+    ("model", "aim", "horizon_s"),
+    (
+        _MODEL,
+        word("aim", "skill, recordings below 0, bias, classes of dose-response, likeness, contacts", tuple(AIMS)),
+        _HORIZON,
+        number("value", "what the model reaches; of recordings, classes and contacts how many"),
+        number("observed", "the recorded counterpart, over the same events"),
+        number("low", "least value that meets the aim"),
+        number("high", "largest value that meets it; braking, comfort, externality: the observed interval"),
+        count("n", "events, recordings with an interval, classes of five events, or followers behind it"),
+        word("interval", "units of the observed interval: recordings, or events where those are fewer than five"),
+        Column("met", "bool", "whether the aim is met; null = not known", "", True),
+        word("reason", "why it is not known, else empty"),
+        Column("default", "bool", "the model that plans"),
     ),
 )
 
@@ -170,6 +227,7 @@ RESPONSES = Table(
         number("ahead_length", "length of the leader after it", "m", nullable=False, minimum=0),
         number("a_0", "mean recorded acceleration over the 0.5 s before t_start", "m/s²", nullable=False),
         number("drift", "median acceleration of the carriageway's other vehicles", "m/s²", nullable=False),
+        number("density", "the carriageway's vehicles in view at t_start, a km and lane", "veh/km", minimum=0),
         number("time_gap", "time gap to the leader at t_start; null unless it was followed", "s"),
         *(
             Column(name, "list<float64>", meaning)
@@ -231,5 +289,6 @@ TRAJECTORIES = Table(
 PREDICTION_TABLES: Final = (
     RESPONSES,
     CONTROLS,
-    FOLLOWER_MODELS, PREDICTION, PREDICTION_SUMMARY, DOSE_RESPONSE, EXTERNALITY, EXTERNALITY_BALANCE, TRAJECTORIES,
+    FOLLOWER_MODELS, PREDICTION, PREDICTION_SUMMARY, PREDICTION_AIMS, DOSE_RESPONSE, EXTERNALITY,
+    EXTERNALITY_BALANCE, TRAJECTORIES,
 )  # fmt: skip
