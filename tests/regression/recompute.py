@@ -368,6 +368,29 @@ def hv_loss(event: Event, motion: list[dict[str, np.ndarray]], T: float, account
     return {"hv_comfort": comfort, "hv_efficiency": efficiency, "loss_hv": 0.5 * comfort + 0.5 * efficiency}
 
 
+def in_view(tables: dict[str, pd.DataFrame], event_id: str, event: Event, speeds: list[np.ndarray]) -> float:
+    """The followers' weighted loss while each is filmed in its lane behind the recorded ego and all between.
+
+    At most 8 s. Comfort is that of the mean of 11 speeds in a row. NaN where nobody is in view for 13 samples.
+    """
+    rows = tables["event_tracks"][tables["event_tracks"]["event_id"] == event_id]
+    last, total = 81, np.nan
+    for rank in range(len(event.followers) + 1):
+        role = f"target_follower_{rank}" if rank else "ego"
+        last = min(last, int(rows.loc[rows["role"] == role, "t"].max() / DT + 1e-6) + 1)
+        if not rank:
+            continue
+        away = np.abs(event.followers[rank - 1].y - event.followers[rank - 1].y[0]) > 1.9
+        last = min(last, int(np.argmax(away))) if away.any() else last
+        if last >= 13:
+            v = speeds[rank - 1][:last]
+            smooth = np.convolve(v, np.full(11, 1 / 11), "valid")
+            comfort = np.abs(np.diff(smooth, n=2)).sum() / DT**2 / N_COMFORT
+            one = 0.5 * comfort + 0.5 * np.abs(v - V_REF).sum() / N_EFFICIENCY
+            total = np.nan_to_num(total) + weights(event)[rank - 1] * one
+    return total
+
+
 def plan_losses(event: Event, plan: pd.Series) -> dict[str, float]:
     """Every loss of one plan; of "no_lane_change" the followers' alone."""
     if plan["policy"] == "no_lane_change":

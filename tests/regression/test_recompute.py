@@ -4,7 +4,16 @@ import numpy as np
 import pandas as pd
 import pytest
 from random_scenes import reacting
-from recompute import drives_through, plan_losses, read_event, smallest_clearance
+from recompute import (
+    behind,
+    drive,
+    drives_through,
+    in_view,
+    plan_losses,
+    read_event,
+    smallest_clearance,
+    unchanged,
+)
 from recompute_start import start_clearance, start_losses
 
 from highd_lc.core.quintic import Quintic
@@ -16,6 +25,7 @@ from highd_lc.scoring import charges
 from highd_lc.stages.scenes import read_scene_tables, scene_makers
 
 TABLES = ("events", "event_tracks", "vehicles", "followers", "plans", "losses")
+DEFAULT = "population"
 KEYS = ["event_id", "policy", "accounting"]
 TOLERANCE = 1e-3
 
@@ -35,10 +45,10 @@ def starts(tables):
     return merged(tables, chooses_start=True)
 
 
-def merged(tables, *, chooses_start):
-    """The plans of the fitted drivers with their losses."""
+def merged(tables, *, chooses_start, model="own_fit"):
+    """The plans with a follower model, the fitted drivers unless told otherwise, with their losses."""
     both = tables["plans"].merge(tables["losses"], on=["followers", *KEYS], suffixes=("", "_loss"))
-    both = both[both["followers"] == "own_fit"]
+    both = both[both["followers"] == model]
     return both[both["T"].notna() & (both["policy"].str.endswith("_start") == chooses_start)]
 
 
@@ -64,6 +74,70 @@ def test_losses_follow_from_the_artefacts(tables, plans):
         for _, plan in rows.iterrows():
             for name, value in plan_losses(event, plan).items():
                 assert value == pytest.approx(plan[name], rel=TOLERANCE), (event_id, plan["policy"], name)
+
+
+@pytest.fixture(scope="module")
+def of_default(pipeline_run, tables):
+    """The tables with the models that the followers of the default model drive by."""
+    assert pipeline_run.settings.validation.follower_models[0] == DEFAULT
+    return tables | {"follower_models": pd.read_parquet(pipeline_run.work / "follower_models.parquet")}
+
+
+@pytest.mark.parametrize("chooses_start", [False, True])
+def test_losses_of_the_default_model_follow_from_its_artefacts(of_default, chooses_start):
+    rows, losses = (
+        merged(of_default, chooses_start=chooses_start, model=DEFAULT),
+        start_losses if chooses_start else plan_losses,
+    )
+    rows = rows[rows["contact"] == ""]
+    assert rows["accounting"].nunique() == 3
+    for event_id, of_event in rows.groupby("event_id"):
+        event = read_event(of_default, event_id, DEFAULT)
+        for _, plan in of_event.iterrows():
+            for name, value in losses(event, plan).items():
+                assert value == pytest.approx(plan[name], rel=1e-6), (event_id, plan["policy"], name)
+
+
+def test_trajectories_of_the_default_model_follow_from_its_artefacts(pipeline_run, of_default):
+    found = pd.read_parquet(pipeline_run.work / "trajectories")
+    found = found[(found["kind"] == "simulated") & (found["followers"] == DEFAULT)]
+    found = found.set_index(["event_id", "policy", "role"]).sort_index()
+    rows = merged(of_default, chooses_start=False, model=DEFAULT)
+    compared = set()
+    for _, plan in rows[rows["accounting"] == "equal"].iterrows():
+        event = read_event(of_default, plan["event_id"], DEFAULT)
+        stays = plan["policy"] == "no_lane_change"
+        motion = unchanged(event) if stays else behind(event, drive(event, plan))
+        for policy in (plan["policy"], "recorded") if plan["policy"] == "human" else (plan["policy"],):
+            for rank, mine in enumerate(motion, start=1):
+                key = (plan["event_id"], policy, f"target_follower_{rank}")
+                if key not in found.index:
+                    assert policy == "recorded"  # out of view at once
+                    continue
+                written = found.loc[[key]].sort_values("t")
+                for column, name in (("x", "x"), ("vx", "v"), ("ax", "a")):
+                    # As exact as single precision is.
+                    assert written[column].to_numpy(float) == pytest.approx(
+                        mine[name][: len(written)], rel=1e-6, abs=1e-6
+                    ), (key, column)  # fmt: skip
+                compared.add(policy)
+    assert compared >= {"human", "recorded", "no_lane_change", "benchmark", "local_optimum", "constant"}
+
+
+def test_error_and_effect_follow_from_the_same_samples(of_default):
+    rows = merged(of_default, chooses_start=False, model=DEFAULT)
+    rows = rows[(rows["accounting"] == "equal") & (rows["contact"] == "")]
+    known = 0
+    for _, plan in rows[rows["policy"].isin(["benchmark", "local_optimum", "human"])].iterrows():
+        event = read_event(of_default, plan["event_id"], DEFAULT)
+        simulated = [motion["v"] for motion in behind(event, drive(event, plan))]
+        value = in_view(of_default, plan["event_id"], event, simulated)
+        assert value == pytest.approx(plan["loss_hv_in_view"], rel=1e-6, nan_ok=True)
+        known += np.isfinite(value)
+        if plan["policy"] == "human":
+            recorded = in_view(of_default, plan["event_id"], event, [car.v for car in event.followers])
+            assert recorded == pytest.approx(plan["loss_hv_in_view_recorded"], rel=1e-6, nan_ok=True)
+    assert known > 0
 
 
 def test_smallest_clearance_follows_from_the_artefacts(tables, plans):
