@@ -240,7 +240,7 @@ def error_figure(errors: FloatArray, effects: Mapping[str, FloatArray]) -> Figur
         _shares(axes, values, f"effect, {labels.FORMS[form].lower()}", **style)
     axes.set_xscale("symlog", linthresh=_LINEAR)
     axes.set_ylim(0, 100)
-    label(axes, x="absolute change of loss (no unit)", y="share of events with at most that [%]")
+    label(axes, x="absolute change of loss (no unit)", y="share of events, up to [%]")
     axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     figure.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=2, **LEGEND)
     return figure

@@ -234,7 +234,7 @@ _COST_COLUMNS: Final = (
     Column("low", "from", digits=3),
     Column("high", "to", digits=3),
     Column("observed", "Observed, same events", digits=3),
-    Column("verdict", "Against its interval"),
+    Column("verdict", "Against the observed"),
     Column("n_paired", "Events with controls", digits=0),
     Column("beyond", "Beyond the controls", digits=3),
     Column("beyond_low", "from", digits=3),
@@ -297,11 +297,7 @@ def _verdict(row: dict[str, float]) -> str:
         return "no interval"
     if row["observed_low"] <= row["mean"] <= row["observed_high"]:
         return "inside"
-    return (
-        f"{words.times(row['mean'] / row['observed'])} as much"
-        if row["observed"] > 0.0 < row["mean"]
-        else "outside"
-    )
+    return f"{words.times(row['mean'] / row['observed'])}" if row["observed"] > 0.0 < row["mean"] else "outside"
 
 
 def _number(value: float) -> str:

@@ -170,11 +170,11 @@ def test_costs_are_means_by_source_and_beyond_the_controls():
         beyond = (wide[source] - wide["control"]).dropna()
         assert row[2:] == [
             "40", *over_recordings(wide[source]), shown(wide["observed"].mean(), 3),
-            "–" if source == "observed" else "1.6 times as much", str(len(beyond)), *over_recordings(beyond),
+            "–" if source == "observed" else "1.6 times", str(len(beyond)), *over_recordings(beyond),
         ]  # fmt: skip
     said = section(page(), "cost").replace("\u00a0", " ")
     assert "Over 5 s drivers pay 0.32 (" in said
-    assert "population 0.17, 0.53 times as much; own fit 0.50, 1.6 times as much; Table 3 means 0.74, 2.3" in said
+    assert "population 0.17, 0.53 times; own fit 0.50, 1.6 times; Table 3 means 0.74, 2.3" in said
     assert next(row for row in rows if row[:2] == ["constant speed", "5"])[7] == "inside"
 
 
