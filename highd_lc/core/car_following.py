@@ -1,15 +1,12 @@
-"""A follower behind its recorded leader: simulation and calibration objectives.
+"""A follower behind its recorded leader: compiled simulation and objectives, for many parameter sets at once.
 
 Closed loop: the LCM drives the follower from its first recorded state behind the recorded leader, semi-implicit
 Euler (v += a dt, then x += v dt); objective RMSE(s) / RMS(s) + RMSE(v) / RMS(v), s the spacing.
 Open loop (the paper's form): at every sample the LCM reads the *recorded* speeds and spacing; objective
 J = sum((a_sim - a_obs)^2 / max(|a_obs|, 0.1)) / sum |a_obs|. Both: equations.md 9.4.
 
-Compiled simulation of a follower behind its recorded leader, for many parameter sets at once.
-
 Candidates (parameter sets) are the innermost axis, in tiles of ``WIDTH``. A tile's rows lie at offsets known to
-the compiler in one flat array, so that LLVM needs no aliasing checks and vectorises the whole model step. The
-objectives are those of ``core.car_following``.
+the compiler in one flat array, so that LLVM needs no aliasing checks and vectorises the whole model step.
 """
 
 from dataclasses import dataclass
@@ -293,7 +290,7 @@ def fit_problem(
 ) -> FitProblem:
     """The fit of a track within bounds (6,), without a penalty. hardest: bound of commanded braking [m/s^2].
 
-    A sum that is zero (a follower that stands, or never accelerates) gives an infinite weight: see to it before.
+    A sum that is zero (a follower that stands, or never accelerates) gives an infinite weight; callers exclude it.
     """
     sums = np.array([np.sum(track.spacing**2), np.sum(track.v**2), np.sum(np.abs(track.a))])
     with np.errstate(divide="ignore"):

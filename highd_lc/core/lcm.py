@@ -153,7 +153,7 @@ class IdmParameters(NamedTuple):
 
 MOTORWAY: Final = IdmParameters(v_desire=120.0 / 3.6, T=1.0, s0=2.0, A=1.0, b=1.5, hardest=9.0)
 """Typical values for motorways (Treiber and Kesting, Traffic Flow Dynamics, 2013, table 11.2), braking bounded by
-dry road: the model alone asks for any deceleration when the gap vanishes.
+the friction of a dry road: the model alone commands unlimited braking as the gap vanishes.
 """
 
 
@@ -161,7 +161,7 @@ dry road: the model alone asks for any deceleration when the gap vanishes.
 def idm_command(
     v: float, gap: float, v_leader: float, v_desire: float, A: float, b: float, T: float, s0: float
 ) -> float:
-    """What the IDM alone asks for [m/s^2]. v, v_leader in m/s; gap in m, counted as 0.1 m where it is smaller."""
+    """Command of the IDM before bounding [m/s^2]. v, v_leader in m/s; gap in m, counted as 0.1 m where smaller."""
     wanted = s0 + max(0.0, v * T + v * (v - v_leader) / (2.0 * np.sqrt(A * b)))
     closeness = wanted / max(gap, _SMALLEST_GAP)
     speed = v / v_desire
