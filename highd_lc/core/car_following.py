@@ -270,12 +270,14 @@ class FollowingTrack:
         return np.ascontiguousarray(np.stack([self.leader_x, self.leader_v, self.x, self.v, self.a]))
 
 
-@dataclass(frozen=True)
-class Simulation:
-    """A simulated follower: speed [m/s], front bumper [m] and acceleration [m/s^2] at every sample, shape (K,)."""
+class Simulated(NamedTuple):
+    """Simulated motion: front bumper [m], speed [m/s] and acceleration [m/s^2].
 
-    v: FloatArray
+    Shape (K,) of one follower, (K, R) of R followers. A named tuple so that compiled code can take it.
+    """
+
     x: FloatArray
+    v: FloatArray
     a: FloatArray
 
 
@@ -301,7 +303,7 @@ def fit_problem(
 
 def simulate(
     track: FollowingTrack, parameters: FloatArray, *, delayed: bool = False, hardest: float = UNBOUNDED
-) -> Simulation:
+) -> Simulated:
     """Drive the follower behind its recorded leader with parameters (6,); shapes and units of the track.
 
     hardest: bound of commanded braking [m/s^2, positive].
@@ -310,7 +312,7 @@ def simulate(
     load_tile(parameters[:, None], 0, 1, scratch)
     simulate_closed_loop(track.as_array(), 1, delayed, hardest, scratch, states)
     lane = states.reshape(-1, SIMULATED, WIDTH)[: len(track.x), :, 0]
-    return Simulation(lane[:, SIM_V].copy(), lane[:, SIM_X].copy(), lane[:, SIM_A].copy())
+    return Simulated(lane[:, SIM_X].copy(), lane[:, SIM_V].copy(), lane[:, SIM_A].copy())
 
 
 def objectives_of(problem: FitProblem, parameters: FloatArray) -> FloatArray:
