@@ -10,8 +10,8 @@ read. A file that does not match its hash is removed and the kernel compiled aga
 is compiled for this process alone.
 
 numba also numbers the files of a kernel's signatures in the order of their compilation. Two processes that compile
-two signatures at once both take the next number. The index may then give one signature the machine code of the
-other: other last bits, or wrong numbers. Here a file is named by a hash of the source's stamp and of its signature.
+two signatures at once both take the next number. The index may then give one signature the machine code of
+the other: other last bits, or wrong numbers. Here a file is named by a hash of source stamp and signature.
 """
 
 import hashlib
