@@ -17,7 +17,7 @@ use_cache_of_this_code()
 @cache
 def _offered() -> dict[str, str]:
     """The module in which each name of the door stands, as the stub says it to type checkers."""
-    import ast  # as costly as all the rest, and commands ask for no name
+    import ast  # takes as long as the other imports together, and commands need no name
 
     stub = ast.parse(Path(__file__).with_suffix(".pyi").read_text(encoding="utf-8"))
     imports = [node for node in stub.body if isinstance(node, ast.ImportFrom)]

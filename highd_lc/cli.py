@@ -36,7 +36,7 @@ def open_closed_streams() -> None:
 
 
 class PatientConsole(Console):
-    """A console whose reader may leave: the rest of the text is dropped, the work and its exit code are not."""
+    """A console that survives a closed pipe: the rest of its text is dropped, work and exit code stay."""
 
     def on_broken_pipe(self) -> None:
         """Write to nowhere from here on."""
@@ -48,7 +48,7 @@ class PatientConsole(Console):
 
 _HELP = "Calibrate and validate lane-change planning on HighD recordings."
 app = typer.Typer(no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False, help=_HELP)
-# Where nobody's terminal sets the width (make, CI, a log), the tables get the room that they need.
+# Without a terminal (make, CI, a log) the width is fixed, so that tables are not cut.
 console = PatientConsole(width=None if sys.stdout and sys.stdout.isatty() else 100)
 errors = PatientConsole(stderr=True, soft_wrap=True, highlight=False)
 

@@ -27,9 +27,9 @@ def run(
 ) -> Outcome:
     """Run the stages up to ``last``, None = the last one that the pipeline lists.
 
-    outcome: filled as the run goes on, for who wants its problems even if it fails. Raises UsageError if the
-    options ask for what there is not, InputError if no recording is usable, StorageError if a folder cannot be
-    written, ClusterError if the scheduler is of no use. What was finished before stays finished.
+    outcome: filled as the run goes on, for callers that need its problems even if it fails. Raises UsageError if
+    the options name what does not exist, InputError if no recording is usable, StorageError if a folder cannot be
+    written, ClusterError if the scheduler cannot be used. What was finished before stays finished.
     """
     outcome = outcome or Outcome()
     if options.scheduler is not None:
@@ -81,7 +81,7 @@ def _run_stages(
             seconds = time.perf_counter() - started
             entry = {"stage": stage.name, "seconds": round(seconds, 3), "counts": outcome.counts[stage.name]}
             workspace.append_log(options.work, entry)
-            if stage.finds_events:  # the dear stages come after it
+            if stage.finds_events:  # the expensive stages follow
                 for asked in STAGES:
                     asked.refuse_unknown(options)
 

@@ -109,7 +109,7 @@ class Stage:
 
 
 class _Pages(Stage):
-    """The stage that makes what its options ask for, outside the work folder."""
+    """The stage that writes the pages named by its request, outside the work folder."""
 
     def run(self, job: Job, request: ReportRequest | None) -> JobReport:
         done: JobReport = self.module.run(job, request=request)

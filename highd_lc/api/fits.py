@@ -6,11 +6,12 @@ from typing import Any, TypeAlias
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 
 from highd_lc.api.recordings import Event, Follower
 from highd_lc.core.drive import hardest_braking
 from highd_lc.drivers.calibration import Quality
-from highd_lc.scenarios.platoon import Lead, PlatoonStart, drive_platoon, gaps, spacings
+from highd_lc.scenarios.platoon import Lead, Platoon, PlatoonStart, drive_platoon, gaps, spacings
 from highd_lc.stages.calibrate import fit_row
 from highd_lc.vocab import names
 from highd_lc.vocab.driver import PARAMETERS, LcmParameters
@@ -151,30 +152,40 @@ def simulate_platoon(
         (6010, True)
     """
     dt = _step(leader)
-    positive = {"spacing": spacing, "length": length, "leader_length": leader_length}
-    other = {"b_max": b_max, "speed": float(leader["v"].iloc[0]) if speed is None else speed}
-    bad = [f"{name} = {value}" for name, value in positive.items() if not 0.0 < value < np.inf]
-    bad += [f"{name} = {value}" for name, value in other.items() if not 0.0 <= value < np.inf]
-    if bad or not len(drivers):
-        raise UsageError(
-            f"{', '.join(bad) or 'drivers: none'}: a platoon needs a driver and finite positive numbers"
-        )
+    v0 = float(leader["v"].iloc[0]) if speed is None else speed
+    _refuse_platoon(
+        len(drivers), spacing=spacing, speed=v0, length=length, leader_length=leader_length, b_max=b_max
+    )
     lead = Lead(
         leader["x"].to_numpy(np.float64) + leader_length / 2.0, leader["v"].to_numpy(np.float64), leader_length
     )
-    columns = [columns_of(driver) for driver in drivers]
     start = PlatoonStart(
         front=lead.front[0] - spacing * np.arange(1.0, len(drivers) + 1.0),
-        v=np.full(len(drivers), other["speed"]),
+        v=np.full(len(drivers), v0),
         length=np.full(len(drivers), length),
-        parameters=np.array([[row[name] for name in PARAMETERS] for row in columns]),
+        parameters=np.array([[columns_of(driver)[name] for name in PARAMETERS] for driver in drivers]),
     )
     found = drive_platoon(start, lead, dt=dt, hardest=hardest_braking(b_max))
+    return _platoon_frame(found, leader["t"].to_numpy(np.float64), length)
+
+
+def _refuse_platoon(drivers: int, *, speed: float, b_max: float, **positive: float) -> None:
+    """Raises UsageError if there is no driver, or a number is not finite or not positive."""
+    bad = [f"{name} = {value}" for name, value in positive.items() if not 0.0 < value < np.inf]
+    other = {"b_max": b_max, "speed": speed}
+    bad += [f"{name} = {value}" for name, value in other.items() if not 0.0 <= value < np.inf]
+    if bad or not drivers:
+        raise UsageError(
+            f"{', '.join(bad) or 'drivers: none'}: a platoon needs a driver and finite positive numbers"
+        )
+
+
+def _platoon_frame(found: Platoon, t: NDArray[np.float64], length: float) -> pd.DataFrame:
     p, samples = found.front.shape
     return pd.DataFrame(
         {
             "vehicle": np.repeat(np.arange(1, p + 1), samples),
-            "t": np.tile(leader["t"].to_numpy(np.float64), p),
+            "t": np.tile(t, p),
             "x": found.front.ravel() - length / 2.0,
             "v": found.v.ravel(),
             "a": found.a.ravel(),

@@ -1,4 +1,4 @@
-"""Plans of policies, what they cost everybody, and how a car drives them."""
+"""Plans of policies, their losses, and how a car drives them."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
@@ -80,7 +80,7 @@ class Loss:
 
 @dataclass(frozen=True)
 class Plan:
-    """What a policy does in a scene, or why it can do nothing.
+    """The plan of a policy in a scene, or the status that says why there is none.
 
     Attributes:
         scene: where.
@@ -147,7 +147,7 @@ class Plan:
 
     @property
     def loss(self) -> Loss:
-        """What it costs."""
+        """Losses of the ego and of the followers."""
         value = {to: float(self.columns.get(column, np.nan)) for to, column in _LOSSES.items()}
         each, weights = (tuple(self.columns[name]) for name in ("loss_hv_each", "follower_weights"))
         return Loss(**value, each=each, weights=weights)
@@ -206,7 +206,7 @@ def _frame(role: str, path: Any, dt: float) -> pd.DataFrame:
 
 
 def plan(scene: Scene, policy: str = names.LOCAL_OPTIMUM, *, accounting: str = names.PRIMARY_ACCOUNTING) -> Plan:
-    """What one policy does in a scene. Other policies are not planned.
+    """The plan of one policy in a scene. Other policies are not planned.
 
     A policy that is searched minimises J = omega_AV loss_AV + (1 - omega_AV) loss_followers over quintic lane
     changes that keep every limit (equations.md 2, 4, 5); ``BENCHMARK`` has omega_AV = 1.
@@ -275,7 +275,7 @@ class Tracked:
     """How a car under the model predictive controller drives a plan (equations 18 to 24; equations.md 8).
 
     Attributes:
-        plan: what it was to drive.
+        plan: the plan that was driven.
         plant: ``kinematic`` or ``multi_body``.
         columns: its columns of ``tracking`` in a run.
         motion: of the rear axle by samples of 0.1 s: t [s], x, y [m], heading [rad], commanded speed [m/s] and

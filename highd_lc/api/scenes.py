@@ -64,7 +64,7 @@ class Vehicle:
 
 @dataclass(frozen=True)
 class Scene:
-    """A lane change before it is decided: everybody at t = 0, and what is known of those whom no policy moves.
+    """A lane change at its start: all vehicles at t = 0, and the known motion of those that no policy moves.
 
     Made by ``Event.scene`` or by ``Scene.of``. The candidates that were searched are kept with it, so that
     policies of the same form share them.
@@ -89,7 +89,7 @@ class Scene:
         lateral_shift: float = 3.75,
         pipeline: str | PathLike[str] = "highd",
     ) -> "Scene":
-        """A scene from a few vehicles; nobody recorded a human, so that the policy ``human`` is not to be had.
+        """A scene from a few vehicles. It has no recorded human, so the policy ``human`` is not available.
 
         Args:
             ego: the vehicle that changes lane, its x is 0.
@@ -139,7 +139,7 @@ class Scene:
 
     @property
     def drivers(self) -> pd.DataFrame:
-        """Parameters of the followers behind those whom they follow here, a row a follower, nearest first."""
+        """Parameters of each follower behind its leader in this scene: a row a follower, nearest first."""
         found = pd.DataFrame(self.planned.followers.parameters, columns=list(PARAMETERS))
         found.index = pd.Index([names.target_follower(i + 1) for i in range(len(found))], name="role")
         return found
@@ -201,7 +201,7 @@ def scene_of_event(event: Event, drivers: Sequence[Driver] | None) -> Scene:
 def _by_the_population(
     followers: Followers, event: Event, tables: SceneTables, settings: ValidateSettings
 ) -> Followers:
-    """The followers by the stated prior of the population: one recording alone teaches no constants."""
+    """The followers by the population's stated prior: its constants cannot be fitted to one recording."""
     alone = replace(tables, events=tables.events[tables.events["event_id"] == event.event_id])
     found = pd.DataFrame(list(response_rows(alone, settings, Traffic(tables.vehicles, {}), location=0, failed=[])))
     drivers = behaviours(PRIOR.constants, responses_of(found), PRIOR.moment)

@@ -1,15 +1,12 @@
-"""A follower behind its recorded leader: simulation and calibration objectives.
+"""A follower behind its recorded leader: compiled simulation and objectives, for many parameter sets at once.
 
 Closed loop: the LCM drives the follower from its first recorded state behind the recorded leader, semi-implicit
 Euler (v += a dt, then x += v dt); objective RMSE(s) / RMS(s) + RMSE(v) / RMS(v), s the spacing.
 Open loop (the paper's form): at every sample the LCM reads the *recorded* speeds and spacing; objective
 J = sum((a_sim - a_obs)^2 / max(|a_obs|, 0.1)) / sum |a_obs|. Both: equations.md 9.4.
 
-Compiled simulation of a follower behind its recorded leader, for many parameter sets at once.
-
 Candidates (parameter sets) are the innermost axis, in tiles of ``WIDTH``. A tile's rows lie at offsets known to
-the compiler in one flat array, so that LLVM needs no aliasing checks and vectorises the whole model step. The
-objectives are those of ``core.car_following``.
+the compiler in one flat array, so that LLVM needs no aliasing checks and vectorises the whole model step.
 """
 
 from dataclasses import dataclass
@@ -273,12 +270,14 @@ class FollowingTrack:
         return np.ascontiguousarray(np.stack([self.leader_x, self.leader_v, self.x, self.v, self.a]))
 
 
-@dataclass(frozen=True)
-class Simulation:
-    """A simulated follower: speed [m/s], front bumper [m] and acceleration [m/s^2] at every sample, shape (K,)."""
+class Simulated(NamedTuple):
+    """Simulated motion: front bumper [m], speed [m/s] and acceleration [m/s^2].
 
-    v: FloatArray
+    Shape (K,) of one follower, (K, R) of R followers. A named tuple so that compiled code can take it.
+    """
+
     x: FloatArray
+    v: FloatArray
     a: FloatArray
 
 
@@ -293,7 +292,7 @@ def fit_problem(
 ) -> FitProblem:
     """The fit of a track within bounds (6,), without a penalty. hardest: bound of commanded braking [m/s^2].
 
-    A sum that is zero (a follower that stands, or never accelerates) gives an infinite weight: see to it before.
+    A sum that is zero (a follower that stands, or never accelerates) gives an infinite weight; callers exclude it.
     """
     sums = np.array([np.sum(track.spacing**2), np.sum(track.v**2), np.sum(np.abs(track.a))])
     with np.errstate(divide="ignore"):
@@ -304,7 +303,7 @@ def fit_problem(
 
 def simulate(
     track: FollowingTrack, parameters: FloatArray, *, delayed: bool = False, hardest: float = UNBOUNDED
-) -> Simulation:
+) -> Simulated:
     """Drive the follower behind its recorded leader with parameters (6,); shapes and units of the track.
 
     hardest: bound of commanded braking [m/s^2, positive].
@@ -313,7 +312,7 @@ def simulate(
     load_tile(parameters[:, None], 0, 1, scratch)
     simulate_closed_loop(track.as_array(), 1, delayed, hardest, scratch, states)
     lane = states.reshape(-1, SIMULATED, WIDTH)[: len(track.x), :, 0]
-    return Simulation(lane[:, SIM_V].copy(), lane[:, SIM_X].copy(), lane[:, SIM_A].copy())
+    return Simulated(lane[:, SIM_X].copy(), lane[:, SIM_V].copy(), lane[:, SIM_A].copy())
 
 
 def objectives_of(problem: FitProblem, parameters: FloatArray) -> FloatArray:

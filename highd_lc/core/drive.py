@@ -2,16 +2,16 @@
 
     a = max(model(v, spacing, v_leader), -hardest),   v <- max(0, v + a dt),   x <- x + v dt
 
-Everybody moves on the states of the same instant. A model alone asks for any braking when the spacing vanishes:
-the LCM for up to exp(40) m/s^2. ``hardest`` [m/s^2, positive] is what the road gives; infinite = unbounded.
+All vehicles move on the states of the same instant. The model alone commands unlimited braking as the spacing
+vanishes, the LCM up to exp(40) m/s^2. ``hardest`` [m/s^2, positive] bounds it; infinite = unbounded.
 
-A follower behind a lane change is more than its family's command (equations.md 3.10):
+A follower behind a lane change adds memory, a credited jump and a need to its command (equations.md 3.10):
 
     a = m a_0 + (1 - m) (command(v, spacing + credit, v_leader + credit) + drift),   m = exp(-t / memory)
 
-no weaker than the situation demands once that passes ``need``, then bounded. A follower credits the jump at its
-change of leader to itself and lets that fade. Where kernels inline the parts, the family is a constant: a bare
-driver costs no more than its model.
+The braking is at least what stopping behind the leader requires, once that exceeds ``need``; then it is bounded.
+The credit is the jump of spacing and speed at a change of leader, and it fades. Where kernels inline the parts,
+the family is a constant, so that a driver without these parts takes no longer than its model.
 """
 
 from typing import Final
@@ -48,7 +48,7 @@ def bounded(a: float, hardest: float) -> float:
 
 @njit(inline="always", fastmath={"contract"})
 def advance(x: float, v: float, a: float, dt: float) -> tuple[float, float]:
-    """Position [m] and speed [m/s] a step dt [s] later under the command a [m/s^2]; nobody drives backwards."""
+    """Position [m] and speed [m/s], at least 0, a step dt [s] later under the command a [m/s^2]."""
     faster = max(v + a * dt, 0.0)
     return x + faster * dt, faster
 
@@ -108,7 +108,7 @@ def family_command(
     tau: float,
     L: float,
 ) -> float:
-    """The command of a family [m/s^2], not bounded: ``NO_COMMAND`` asks for nothing."""
+    """The command of a family [m/s^2], not bounded; 0 of ``NO_COMMAND``."""
     if family == LCM:
         return lcm_acceleration(v, spacing, v_leader, v_desire, A, b, B, tau, L)
     if family == IDM:

@@ -95,8 +95,16 @@ def trajectories_of_rows(vehicle: IntArray, t: FloatArray, x: FloatArray, *, lon
 def clip_to_grid(tracks: Trajectories, *, x_edges: FloatArray, t_edges: FloatArray) -> Cells:
     """Distance and time of all vehicles in the cells of a grid.
 
-    x_edges [m], t_edges [s]: ascending borders of the cells, at least two each; what lies outside is left out.
-    Raises ShapeError for edges that do not ascend.
+    Args:
+        tracks: trajectories of all vehicles; what lies outside the grid is left out.
+        x_edges: ascending borders of the cells [m], at least two.
+        t_edges: ascending borders of the cells [s], at least two.
+
+    Returns:
+        The sums of each cell.
+
+    Raises:
+        ShapeError: borders do not ascend, or there are fewer than two.
     """
     for name, edges in (("x_edges", x_edges), ("t_edges", t_edges)):
         if len(edges) < 2 or not np.all(np.diff(edges) > 0.0):
@@ -110,7 +118,16 @@ def clip_to_grid(tracks: Trajectories, *, x_edges: FloatArray, t_edges: FloatArr
 def clip_to_rectangle(
     tracks: Trajectories, *, x_range: tuple[float, float], t_range: tuple[float, float]
 ) -> tuple[FloatArray, FloatArray]:
-    """Distance [m] and time [s] of each vehicle in one rectangle, each of shape (m,) (Table 1 of the paper)."""
+    """Distance and time of each vehicle in one rectangle (Table 1 of the paper).
+
+    Args:
+        tracks: trajectories of m vehicles.
+        x_range: first and last x of the rectangle [m].
+        t_range: its first and last time [s].
+
+    Returns:
+        Distance [m] and time [s], each of shape (m,).
+    """
     distance, time = np.zeros((tracks.count, 1)), np.zeros((tracks.count, 1))
     x_edges, t_edges = np.array(x_range, dtype=np.float64), np.array(t_range, dtype=np.float64)
     for i in range(tracks.count):
@@ -121,7 +138,16 @@ def clip_to_rectangle(
 
 
 def edie(distance: float, time: float, area: float) -> tuple[float, float, float]:
-    """Flow [veh/h], speed [km/h] and density [veh/km] of totals d(A) [m], t(A) [s] in an area [m s]."""
+    """Edie's measures of a region (equations 25 to 27).
+
+    Args:
+        distance: d(A), driven by all vehicles in the region [m].
+        time: t(A), spent by all vehicles in it [s].
+        area: |A| [m s].
+
+    Returns:
+        Flow [veh/h], speed [km/h] and density [veh/km]; NaN in a region that nobody enters.
+    """
     if time <= 0.0:
         return np.nan, np.nan, np.nan
     return 3600.0 * distance / area, 3.6 * distance / time, 1000.0 * time / area

@@ -1,12 +1,12 @@
-"""Smoothed derivatives of sampled motion: local polynomials over a window given in seconds, and their noise.
+"""Motion by samples: smoothing, rounding, resampling; and the kinematic bicycle.
 
-Channels as rounded levels and their differences from sample to sample, as bytes: what a page carries.
+- Smoothed derivatives: local polynomials over a window given in seconds, and their noise.
+- Channels as rounded levels and their differences from sample to sample, as bytes, for the pages.
+- Resampling from native frames to the 0.1 s grid (equations.md 9).
+- The kinematic bicycle at the rear axle and its errors linearised at a reference (equations.md 8, [20-22]).
 
-From native frames to the 0.1 s grid (equations.md 9).
-
-The kinematic bicycle at the rear axle and its errors linearised at a reference (equations.md 8, [20-22]). State
-psi = [x, y, phi], input mu = [v, delta]: xdot = v cos(phi), ydot = v sin(phi), phidot = v tan(delta) / l. A held
-input closes a circle of radius l / tan(delta), so a step is an arc and needs no integrator.
+State psi = [x, y, phi], input mu = [v, delta]: xdot = v cos(phi), ydot = v sin(phi), phidot = v tan(delta) / l. A
+held input closes a circle of radius l / tan(delta), so a step is an arc and needs no integrator.
 """
 
 import math

@@ -83,9 +83,18 @@ _SMALLEST_EXPONENT = -700.0
 
 @njit(inline="always", fastmath={"contract"})
 def desired_spacing(v: float, v_leader: float, b: float, B: float, tau: float, L: float) -> float:
-    """Desired spacing s* [m] of the LCM with its floor L (equation 11; the floor: equations.md 3.2).
+    """Desired spacing s* of the LCM with its floor L (equation 11; the floor: equations.md 3.2).
 
-    v, v_leader in m/s; b, B in m/s^2; tau in s; L in m.
+    Args:
+        v: own speed [m/s].
+        v_leader: speed of the leader [m/s].
+        b: own deceleration [m/s^2, positive].
+        B: expected deceleration of the leader [m/s^2, positive].
+        tau: reaction time [s].
+        L: spacing at standstill [m].
+
+    Returns:
+        max(v^2 / (2 b) - v_leader^2 / (2 B) + v tau + L, L) [m], front to front.
     """
     wanted = v * v / (2.0 * b) - v_leader * v_leader / (2.0 * B) + v * tau + L
     return max(wanted, L)
@@ -103,10 +112,18 @@ def lcm_acceleration(
     tau: float,
     L: float,
 ) -> float:
-    """Acceleration [m/s^2] commanded by the LCM (equation 10 without delay).
+    """Acceleration commanded by the LCM (equation 10 without delay).
 
-    v, v_leader, v_desire in m/s; spacing (front to front; infinite = no leader) and L in m; A, b, B in m/s^2;
-    tau in s. The exponent is capped at 40.
+    Args:
+        v: own speed [m/s].
+        spacing: front to front [m]; infinite = no leader.
+        v_leader: speed of the leader [m/s].
+        v_desire: desired speed [m/s].
+        A: maximum acceleration [m/s^2].
+        b, B, tau, L: see ``desired_spacing``.
+
+    Returns:
+        A (1 - v / v_desire - exp(1 - spacing / s*)) [m/s^2], the exponent capped at 40.
     """
     ratio = 1.0 - spacing / desired_spacing(v, v_leader, b, B, tau, L)
     exponent = min(max(ratio, _SMALLEST_EXPONENT), _LARGEST_EXPONENT)
@@ -114,9 +131,15 @@ def lcm_acceleration(
 
 
 def moved_behind(L: float, leader_length: float, new_leader_length: float) -> float:
-    """L moved from the leader it was fitted behind to the leader of a replay [m] (equations.md 3.5).
+    """L moved from the leader it was fitted behind to the leader of a replay (equations.md 3.5).
 
-    NaN for the length of a leader that nobody knows, as with published parameters, leaves L as it is.
+    Args:
+        L: fitted spacing at standstill [m].
+        leader_length: of the leader of the fit [m]; NaN = unknown, as with published parameters.
+        new_leader_length: of the leader of the replay [m].
+
+    Returns:
+        L moved by the difference of the lengths, within ``REPLAY_L_BOUNDS`` [m]; unchanged if it is unknown.
     """
     if np.isnan(leader_length):
         return L
@@ -124,10 +147,14 @@ def moved_behind(L: float, leader_length: float, new_leader_length: float) -> fl
 
 
 def equilibrium_spacing(v: float, parameters: NDArray[np.float64]) -> float:
-    """Spacing [m] at which a follower and its leader both drive at v [m/s]: s* (1 - ln(1 - v / v_desire)).
+    """Spacing at which a follower and its leader drive at the same constant speed (equations.md 3.8).
 
-    parameters: shape (6,), order of ``vocab.driver.PARAMETERS``. NaN from v_desire on: no equilibrium
-    exists there.
+    Args:
+        v: speed of both [m/s].
+        parameters: LCM, shape (6,), order of ``vocab.driver.PARAMETERS``.
+
+    Returns:
+        s* (1 - ln(1 - v / v_desire)) [m], front to front; NaN from v_desire on, where no equilibrium exists.
     """
     v_desire, _, b, B, tau, L = parameters
     if v >= v_desire:
@@ -153,7 +180,7 @@ class IdmParameters(NamedTuple):
 
 MOTORWAY: Final = IdmParameters(v_desire=120.0 / 3.6, T=1.0, s0=2.0, A=1.0, b=1.5, hardest=9.0)
 """Typical values for motorways (Treiber and Kesting, Traffic Flow Dynamics, 2013, table 11.2), braking bounded by
-dry road: the model alone asks for any deceleration when the gap vanishes.
+the friction of a dry road: the model alone commands unlimited braking as the gap vanishes.
 """
 
 
@@ -161,7 +188,7 @@ dry road: the model alone asks for any deceleration when the gap vanishes.
 def idm_command(
     v: float, gap: float, v_leader: float, v_desire: float, A: float, b: float, T: float, s0: float
 ) -> float:
-    """What the IDM alone asks for [m/s^2]. v, v_leader in m/s; gap in m, counted as 0.1 m where it is smaller."""
+    """Command of the IDM before bounding [m/s^2]. v, v_leader in m/s; gap in m, counted as 0.1 m where smaller."""
     wanted = s0 + max(0.0, v * T + v * (v - v_leader) / (2.0 * np.sqrt(A * b)))
     closeness = wanted / max(gap, _SMALLEST_GAP)
     speed = v / v_desire

@@ -28,34 +28,74 @@ class Charge(Generic[Value]):
 
 
 def speed_difference(v: FloatArray, v_ref: float, *, one_sided: bool = False) -> FloatArray:
-    """|v - v_ref| [m/s] of each sample, or max(v_ref - v, 0) if one-sided; any shape."""
+    """Distance of each speed from the reference speed (equations.md 4.2).
+
+    Args:
+        v: speeds [m/s], any shape.
+        v_ref: reference speed [m/s].
+        one_sided: only speeds below v_ref count.
+
+    Returns:
+        |v - v_ref|, or max(v_ref - v, 0) if one-sided [m/s], the shape of v.
+    """
     return np.maximum(v_ref - v, 0.0) if one_sided else np.abs(v - v_ref)
 
 
 def cumulative_efficiency(v: FloatArray, v_ref: float, *, scale: float, one_sided: bool = False) -> FloatArray:
-    """sum_0^k |v - v_ref| / N_e along the last axis (equations 6 and 13). v in m/s, shape (..., N + 1)."""
+    """Normalised efficiency charged over 0 .. t_k (equations 6 and 13).
+
+    Args:
+        v: speeds [m/s], shape (..., N + 1).
+        v_ref: reference speed [m/s].
+        scale: N_e [m/s].
+        one_sided: only speeds below v_ref count.
+
+    Returns:
+        sum_0^k |v - v_ref| / N_e along the last axis, the shape of v.
+    """
     return np.cumsum(speed_difference(v, v_ref, one_sided=one_sided), axis=-1) / scale
 
 
 def cumulative_comfort(jerk: FloatArray, *, scale: float) -> FloatArray:
-    """sum_0^k |j| / N_c along the last axis (equation 5). jerk [m/s^3], shape (..., N + 1)."""
+    """Normalised comfort charged over 0 .. t_k (equation 5).
+
+    Args:
+        jerk: [m/s^3], shape (..., N + 1).
+        scale: N_c [m/s^3].
+
+    Returns:
+        sum_0^k |j| / N_c along the last axis, the shape of jerk.
+    """
     return np.cumsum(np.abs(jerk), axis=-1) / scale
 
 
 def command_jerk(a: FloatArray, dt: float) -> FloatArray:
-    """|a_k - a_(k-1)| / dt [m/s^3] along the last axis, 0 at the first sample (equation 12).
+    """Jerk of commanded accelerations (equation 12).
 
-    a: commanded accelerations [m/s^2], shape (..., N + 1). The step onto the first sample is not counted: it
-    comes from before the motion.
+    The step onto the first sample is not counted: it comes from before the motion.
+
+    Args:
+        a: commanded accelerations [m/s^2], shape (..., N + 1).
+        dt: step [s].
+
+    Returns:
+        |a_k - a_(k-1)| / dt [m/s^3] along the last axis, 0 at the first sample, the shape of a.
     """
     return np.abs(np.diff(a, axis=-1, prepend=a[..., :1])) / dt
 
 
 def follower_weights(v: FloatArray, spacing: FloatArray, v_av: float) -> FloatArray:
-    """Weights of the followers, shape (p,), sum 1 (equations 16 and 17).
+    """Weights of the followers at t_start (equations 16 and 17).
 
     sigma_i = |v_i - v_AV| / sqrt(spacing_i), omega_i = sigma_i / sum; equal weights if every sigma is 0.
-    v: speeds of the followers [m/s]; spacing: front to front to the AV [m], positive; v_av [m/s]; all at t_start.
+
+    Args:
+        v: speeds of the followers [m/s], shape (p,).
+        spacing: front to front to the AV [m], positive, shape (p,).
+        v_av: speed of the AV [m/s].
+
+    Returns:
+        The weights, sum 1, shape (p,).
     """
     sigma = np.abs(v - v_av) / np.sqrt(spacing)
     total = float(np.sum(sigma))
@@ -63,5 +103,14 @@ def follower_weights(v: FloatArray, spacing: FloatArray, v_av: float) -> FloatAr
 
 
 def joint_objective(loss_av: FloatArray, loss_hv: FloatArray, omega_av: float) -> FloatArray:
-    """omega_AV Loss_AV + (1 - omega_AV) Loss_HV (equations 18 and 19)."""
+    """What a policy minimises: omega_AV Loss_AV + (1 - omega_AV) Loss_HV (equations 18 and 19).
+
+    Args:
+        loss_av: of the AV, any shape.
+        loss_hv: of the followers, the same shape.
+        omega_av: weight of the AV, 0 to 1.
+
+    Returns:
+        The objective, the same shape.
+    """
     return omega_av * loss_av + (1.0 - omega_av) * loss_hv

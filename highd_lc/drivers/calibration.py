@@ -2,7 +2,7 @@
 
 From the recorded rows of a follower and its leader to the track that a fit reads.
 
-A common driver towards whom fits may be drawn, and the driver who stands for those that cannot be fitted.
+Also a common driver, towards which fits may be drawn and which replaces those that cannot be fitted.
 """
 
 import hashlib

@@ -264,7 +264,7 @@ def _judge(errors: FloatArray, fold: NDArray[np.int64]) -> PoolingStudy:
 EVERYBODY: Final = ""
 """Key of the pool of all classes."""
 # A pool's driver is chosen among at most so many of its fits, judged on at most so many of its tracks.
-_ELECTORS = 300
+_JUDGED = 300
 # Fewest fits of a class towards whose median its members are drawn; smaller ones are drawn to everybody's.
 _LEAST_CLASS = 3
 
@@ -305,10 +305,12 @@ def pool_drivers(
     """Place of the common driver of each class that has fits, and of ``EVERYBODY`` if anybody was fitted."""
     pools = {name: np.flatnonzero(np.array(drivers.classes) == name) for name in sorted(set(drivers.classes))}
     pools[EVERYBODY] = np.arange(len(drivers))
-    return {name: _elect(drivers, places, settings, rng, hardest) for name, places in pools.items() if len(places)}
+    return {
+        name: _common(drivers, places, settings, rng, hardest) for name, places in pools.items() if len(places)
+    }
 
 
-def _elect(
+def _common(
     drivers: FittedDrivers,
     places: NDArray[np.int64],
     settings: CalibrateSettings,
@@ -316,9 +318,9 @@ def _elect(
     hardest: float,
 ) -> int:
     members = drivers.take(places)
-    electors = members.sample(_ELECTORS, rng)
-    problems = [pose(members.tracks[i], settings, hardest=hardest) for i in electors]
-    return int(places[electors[common_driver(problems, members.parameters[electors])]])
+    judged = members.sample(_JUDGED, rng)
+    problems = [pose(members.tracks[i], settings, hardest=hardest) for i in judged]
+    return int(places[judged[common_driver(problems, members.parameters[judged])]])
 
 
 def refit(

@@ -16,6 +16,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from highd_lc.core.car_following import Simulated as Simulated
 from highd_lc.core.drive import advance, follower_command, jump
 from highd_lc.core.kernels import UNALIASED
 from highd_lc.vocab import names
@@ -104,14 +105,6 @@ class Responses:
     def joins(self, moment: FloatArray) -> IntArray:
         """First sample at which the lane changer has made that share of its way, K if never; shape (R,)."""
         return np.asarray((self.progress < moment - 1e-9).sum(axis=0))
-
-
-class Simulated(NamedTuple):
-    """Front [m], speed [m/s] and command [m/s^2] of simulated followers, shape (K, R)."""
-
-    x: FloatArray
-    v: FloatArray
-    a: FloatArray
 
 
 def simulate(family: str, behaviours: Behaviours, responses: Responses, *, hardest: float = 9.0) -> Simulated:

@@ -1,9 +1,7 @@
-"""How good a recording is: biases, contradictions between its columns, and facts to hold against its metas.
+"""Quality of a recording: biases, contradictions between its columns, and facts to compare with its metas.
 
-What columns of the tracks say of each other: the evidence of the cross-checks, row by row or second by second.
-
-Motion is compared over a second, not from frame to frame: white noise of 0.05 m in positions at 25 Hz makes their
-differences disagree with the speeds by 1.2 m/s, but the way of a second by 0.07 m.
+Motion is compared over a second, not from frame to frame. White noise of 0.05 m in positions at 25 Hz makes
+differences of neighbouring positions disagree with the speeds by 1.2 m/s, but the way of a second by 0.07 m.
 """
 
 from dataclasses import dataclass

@@ -1,12 +1,11 @@
-"""Where lane changes begin and end, from lane ids and lateral positions (equations.md 11).
+"""Lane changes of a recording: start and end, vehicles around them, reasons, rows of each (equations.md 11).
 
-The authors' rule: outward from the crossing, the nearest moments at which lateral speed and acceleration are
-both near zero, read together with the lateral position (``lateral_motion`` says when they are). Two changes
-without a rest in their lane between them are one manoeuvre and no lane change of the kind that is looked for.
+Start and end by the authors' rule: outward from the crossing, the nearest moments at which lateral speed and
+acceleration are both near zero, read together with the lateral position (``lateral_motion`` says when they are).
+Two changes without a rest in their lane between them are one manoeuvre and no single lane change.
 
-The lane-id changes of a recording: which are complete lane changes, who is around them, which are usable.
-
-Which recorded rows belong to an event: each role's motion, and the followers' calibration windows.
+``find_crossings`` gives every lane-id change of a recording with the one reason why it is not usable, if there is
+one. ``role_rows`` gives the recorded rows of each role, and of the followers' calibration windows.
 """
 
 from collections.abc import Sequence
@@ -85,8 +84,8 @@ def _is_reverse(first: LaneChange, second: LaneChange) -> bool:
 
 
 def _main(group: Sequence[LaneChange], path: Path, smooth: FloatArray) -> LaneChange:
-    """The change that stands for its group: of those to the group's last lane the nearest to the smoothed
-    crossing. A group that ends where it began has returned.
+    """The change that represents its group: of those to the group's last lane the nearest to the smoothed
+    crossing. A group that ends in the lane where it began has the reason ``returned``.
     """
     if len(group) % 2 == 0:
         return replace(group[0], reason=names.RETURNED)
@@ -196,10 +195,10 @@ class Crossing:
 
 
 def with_known_lanes(traffic: Traffic, longest_s: float) -> Traffic:
-    """The traffic with lanes in the place of 0 where a vehicle is between the markings for all that.
+    """The traffic with the lane of a vehicle filled in where its lane is 0 though it is between the markings.
 
-    Such rows are a tracker's slip if they last no longer than ``longest_s`` [s] between rows with lanes: the
-    lateral position says on which of the two lanes around them the vehicle is. Any other 0 stays.
+    Rows are filled in if they last no longer than ``longest_s`` [s] between rows with lanes; the
+    lateral position decides between the two lanes around them. Any other 0 stays.
     """
     off = np.flatnonzero(traffic.lane == 0)
     runs = np.split(off, 1 + np.flatnonzero(np.diff(off) > 1)) if len(off) else []

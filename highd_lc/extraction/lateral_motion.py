@@ -98,7 +98,7 @@ def smoothed(path: Path, rule: Rule) -> FloatArray:
 
 
 def leaves_moving(path: Path, rule: Rule, sample: int) -> bool:
-    """Whether a rest found at a sample is none: the track ends next to it, and its recorded speed says it moves.
+    """Whether a sample is no rest after all: the track ends next to it, and its recorded lateral speed is not 0.
 
     Looked at only where the positions are noisy and a lateral speed is recorded.
     """

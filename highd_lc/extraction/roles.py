@@ -1,8 +1,6 @@
-"""Who is who at the start of a lane change, on both lanes (equations.md 11).
+"""Roles of the vehicles around a lane change at its start, on both lanes (equations.md 11.3).
 
-Who is who around a lane change: leader and followers of a lane at an instant (equations.md 11).
-
-Who leads the target lane after its first leader has left it.
+Also who leads the target lane after its first leader has left it.
 """
 
 from dataclasses import dataclass

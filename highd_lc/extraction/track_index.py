@@ -1,9 +1,8 @@
 """Tracks of many vehicles as arrays, and finding their rows by vehicle and frame.
 
-Where an id stops being one vehicle seen without a break: frames are missing, or it is suddenly elsewhere.
-
-Positions alone decide. Speeds may be noisy, biased or in another unit, and a check of its own holds them against
-positions; a step that is far from the steps around it is a jump whatever they say.
+``breaks`` finds where an id is no longer one vehicle seen without interruption: frames are missing, or its
+position jumps. Positions alone decide: a step that is far from the steps around it is a jump. Speeds may be noisy,
+biased or in another unit, which a check of its own finds.
 """
 
 from dataclasses import dataclass

@@ -4,11 +4,8 @@ Layout below the work folder: ``<table>.parquet`` for finished artefacts, ``<tab
 that are too large to combine (tracks, trajectories), and ``parts/<stage>/<NN>/<table>.parquet`` for what a stage
 made of one recording. A finished artefact holds one row group a recording, so that a recording is read alone.
 
-Value checks of artefacts in words, by pandera, built from the column list of vocab.tables.
-
-Whether the columns of an artefact hold what they may: found out by arrow, told by pandera.
-
-A recording's rows of an artefact by the row groups that it has to itself.
+Values are checked against the columns of ``vocab.tables``: first by arrow, which is fast and says only whether all
+are allowed; then, where some are not, by pandera, which says which.
 """
 
 import json
@@ -244,9 +241,9 @@ def write_part(job: Job, stage: str, name: str, frame: pd.DataFrame) -> int:
 
 
 def write_columns(path: Path, name: str, columns: Mapping[str, pa.Array], provenance: Provenance) -> int:
-    """Write a large artefact from arrow arrays in the table's order, without the detour of a data frame.
+    """Write a large artefact from arrow arrays in the table's order, without a data frame.
 
-    Types and nulls are checked, values are not: their maker vouches for them. Returns the number of rows.
+    Types and nulls are checked, values are not: the caller guarantees them. Returns the number of rows.
     """
     table = pa.Table.from_arrays([columns[c] for c in TABLES[name].column_names], schema=arrow_schema(name))
     for problem in _type_problems(TABLES[name], table):

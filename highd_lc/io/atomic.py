@@ -1,7 +1,4 @@
-"""Files that are whole or not there: temporary name, flush to disk, rename; and a ledger of what was written.
-
-Files that are never half-written: temporary name, flush to disk, rename.
-"""
+"""Files that are complete or absent: temporary name, flush to disk, rename; and a ledger of what was written."""
 
 import hashlib
 import os

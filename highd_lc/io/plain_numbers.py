@@ -34,7 +34,7 @@ def open_bytes(path: Path) -> io.BufferedReader:
 
 
 def size_of(path: Path) -> int:
-    """Number of bytes that ``open_bytes`` gives. A packed file is read once for it: its own word for its size is
+    """Number of bytes that ``open_bytes`` gives. A packed file is read once for it: the size that it states is
     modulo 4 GiB, and wrong where files were joined.
     """
     with open_bytes(path) as file:

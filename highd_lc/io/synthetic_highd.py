@@ -1,6 +1,6 @@
 """Two filmed carriageways as HighD's tables: image axes, corners, rounding, ids (equations.md 15.3).
 
-The two meta files of a synthetic recording, computed from its printed tracks as HighD's agree with theirs.
+The two meta files are computed from the printed tracks, so that they agree with them as HighD's do.
 """
 
 from dataclasses import dataclass

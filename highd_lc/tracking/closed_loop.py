@@ -290,9 +290,16 @@ def track(
 ) -> TrackingResult:
     """Drive the kinematic bicycle along the reference under the MPC (equations.md 8).
 
-    wheelbase [m] of the car; the reference's dt [s] is the control interval; shared: the controller of these
-    settings and dt, for callers with many plans. Never raises for what the reference holds: a plan outside the
-    car's ability, or one with numbers that are not finite, ends in a status.
+    Args:
+        reference: the planned motion; its dt is the control interval.
+        wheelbase: of the car [m].
+        settings: of the controller.
+        disturbance: what the controller does not know; None = nothing.
+        shared: a controller of these settings and dt, for callers with many plans; None = a new one.
+
+    Returns:
+        The closed loop with its errors and its status. A plan outside the car's ability, or one with numbers that
+        are not finite, ends in a status and raises nothing.
     """
     shared = shared or controller(settings, reference.dt)
     rows, log = _drive(reference, wheelbase, disturbance or Disturbance(), settings=settings, shared=shared)

@@ -33,7 +33,7 @@ _SIDES = ("upper bound", "lower bound", "largest rise", "largest fall")
 
 @dataclass(frozen=True)
 class Command:
-    """What a controller orders for the next interval: v [m/s] and delta [rad], shape (2,).
+    """A controller's command for the next interval: v [m/s] and delta [rad], shape (2,).
 
     For the MPC also its QP's solution (status, residuals, multipliers, solve time), the slack, and the bounds
     that bind, in words.
@@ -46,7 +46,7 @@ class Command:
 
 
 class Controller(Protocol):
-    """Orders an input from what is measured; knows the reference, not the plant."""
+    """Computes an input from the measured pose and the reference; it does not know the plant."""
 
     def command(self, measured: FloatArray, last_input: FloatArray, *, rows: FloatArray, k: int) -> Command:
         """The input from sample k on; measured: x, y [m], heading [rad]; rows: see ``reference_rows``."""

@@ -1,8 +1,8 @@
 """Closed loop of the MPC on the multi-body car, the open counterpart of the paper's CarSim (equations.md 8).
 
-The plant is parameter set 2 of ``commonroad-vehicle-models``. The MPC still believes in the
-kinematic bicycle: what tyres, suspension and servos add is a disturbance to it. It orders [v, delta]; a low-level
-map makes acceleration and steering rate of that: proportional servos, cut to the car's limits.
+The plant is parameter set 2 of ``commonroad-vehicle-models``. The MPC's model remains
+the kinematic bicycle: what tyres, suspension and servos add is a disturbance to it. It commands [v, delta].
+Proportional servos, cut to the car's limits, turn these into acceleration and steering rate.
 
 The car is compiled from the package's own code (Althoff, Wuersching: CommonRoad Vehicle Models, 2020, section 10;
 29 states, inputs steering rate and acceleration). The package's functions are plain Python on plain numbers, 35 us

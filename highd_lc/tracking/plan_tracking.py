@@ -89,8 +89,15 @@ def loss_av(
 ) -> Charge[float]:
     """The AV's loss of a motion over its samples (equations 5 to 7; equations.md 4).
 
-    v_ref: reference speed [m/s]; comfort_scale: N_c [m/s^3]; efficiency_scale: N_e [m/s]; one_sided: only slower
-    than v_ref counts.
+    Args:
+        motion: as planned or as driven.
+        v_ref: reference speed [m/s].
+        comfort_scale: N_c [m/s^3].
+        efficiency_scale: N_e [m/s].
+        one_sided: only speeds below v_ref count.
+
+    Returns:
+        Comfort and efficiency, normalised.
     """
     comfort = cumulative_comfort(motion.charged_jerk, scale=comfort_scale)[-1]
     efficiency = cumulative_efficiency(motion.speed, v_ref, scale=efficiency_scale, one_sided=one_sided)[-1]
@@ -106,10 +113,18 @@ def violations(
     jerk: float,
     tolerance: float = 0.01,
 ) -> dict[str, float]:
-    """Limits (equations.md 5) that a motion breaks, each with its worst value, in the order speed to jerk.
+    """Limits that a motion breaks, each with its worst value, in the order speed to jerk (equations.md 5).
 
-    v_min, v_max [m/s]; acceleration [m/s^2] and jerk [m/s^3] of either axis; tolerance: share of a limit that
-    counts as on it, since plans often lie exactly on a limit.
+    Args:
+        motion: as planned or as driven.
+        v_min: lowest speed [m/s].
+        v_max: highest speed [m/s].
+        acceleration: largest magnitude on either axis [m/s^2].
+        jerk: largest magnitude on either axis [m/s^3].
+        tolerance: share of a limit by which it may be passed, since plans often lie exactly on a limit.
+
+    Returns:
+        The worst value of each broken limit by its name; empty if all are kept.
     """
     names = ("acceleration_x", "acceleration_y", "jerk_x", "jerk_y")
     worst = [*np.max(np.abs(motion.acceleration), axis=0), *np.max(np.abs(motion.jerk), axis=0)]

@@ -119,8 +119,8 @@ def needed_braking(gap: float, v: float, v_leader: float, a_leader: float) -> fl
 
 
 @njit(cache=True, nogil=True)
-def minds(me: Record, other: Record, lane: int, road: Road, time: float) -> bool:
-    """Whether a driver minds a vehicle ahead that is on its lane, has just come in, or is about to."""
+def reacts_to(me: Record, other: Record, lane: int, road: Road, time: float) -> bool:
+    """Whether a driver reacts to a vehicle ahead that is on its lane, has just come in, or is about to."""
     if other.beside == lane and other.lane != lane:
         way = road.markings[max(other.origin, other.target)] - other.c[0]
         return bool((other.y - other.c[0]) / way >= me.moment)
@@ -179,7 +179,7 @@ def take_leader(vehicles: Records, road: Road, vehicle: int, leader: int, time: 
 
 @njit(cache=True, nogil=True)
 def intention(vehicles: Records, road: Road, vehicle: int, time: float) -> float:
-    """Acceleration [m/s^2] that a driver intends behind the leader that it minds."""
+    """Acceleration [m/s^2] that a driver intends behind the leader to which it reacts."""
     me = vehicles[vehicle]
     v, elapsed = max(me.v - common_speed(me.x, road), 0.0), time - me.began
     if me.leader >= 0:
@@ -214,7 +214,7 @@ def drive(vehicles: Records, order: IntArray, last: IntArray, road: Road, k: int
     for j in range(last[lane], -1, -1):
         other = vehicles[order[j]]
         here = other.lane == lane or other.beside == lane
-        if here and (order[j] == me.leader or minds(me, other, lane, road, time)):
+        if here and (order[j] == me.leader or reacts_to(me, other, lane, road, time)):
             leader = order[j]
             break
     if leader != me.leader:

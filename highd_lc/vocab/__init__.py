@@ -1,1 +1,1 @@
-"""The language: names, parameters, settings, containers, errors."""
+"""What all packages share: names, parameters, settings, table schemas, errors."""

@@ -1,18 +1,17 @@
-"""One cache of compiled kernels for one version of the code.
+"""The cache of compiled kernels: one folder for each version of the code, and only files that are whole.
 
-numba decides by the time stamp of a single file whether a cached kernel is still good, but kernels inline
-functions of other files. After an upgrade that changed only those, stale machine code would run silently; so the
-cache folder is named by a hash of all kernel sources.
+numba decides by the time stamp of a single file whether a cached kernel is still valid, but kernels inline
+functions of other files. After an upgrade that changed only those, stale machine code would run without a warning.
+The cache folder is therefore named by a hash of all kernel sources.
 
-Files of compiled kernels that can be trusted: whole ones, and a lost one costs a compilation and no more.
+numba reads its cache files unchecked. A file that was cut short by a full disk or a killed process ends every
+later run in an error of pickle, or worse. Here each file ends with a hash of its content, which pickle does not
+read. A file that does not match its hash is removed and the kernel compiled again. A kernel that cannot be stored
+is compiled for this process alone.
 
-numba takes what it finds in its cache as it is: a file torn by a full disk or a killed process ends every later
-run in an error of pickle, or worse. Here each file ends with a hash of its content, which pickle does not read;
-what does not match it is removed and compiled anew, and what cannot be kept is compiled for this process alone.
-
-numba also numbers the files of a kernel's signatures as they come. Of two processes that compile two signatures at
-once both take the next number. From then on the index may give one signature the machine code of the other: other
-last bits, or wrong numbers. Here a file is named by a hash of the source's stamp and of its signature.
+numba also numbers the files of a kernel's signatures in the order of their compilation. Two processes that compile
+two signatures at once both take the next number. The index may then give one signature the machine code of
+the other: other last bits, or wrong numbers. Here a file is named by a hash of source stamp and signature.
 """
 
 import hashlib
@@ -37,7 +36,7 @@ _METHODS = ("save", "_load_index", "_save_index", "_load_data", "_save_data", "_
 
 
 def make_trusted(caching: Any) -> None:
-    """Teach numba's module ``numba.core.caching`` to check what it reads and to do without what it cannot keep."""
+    """Have numba's module ``numba.core.caching`` check what it reads and go on where it cannot write."""
     files, cache = caching.IndexDataCacheFile, caching.Cache
     if not all(hasattr(files, name) for name in _METHODS):
         return  # another numba, which keeps its files in another way
@@ -123,7 +122,7 @@ def _places(package: Path) -> Iterator[Path]:
     users = Path(os.environ.get("XDG_CACHE_HOME", ""))
     if users.is_absolute():  # others are to be ignored, says the standard
         yield users / "highd_lc"
-    with suppress(RuntimeError):  # nobody's home
+    with suppress(RuntimeError):  # the user has no home folder
         yield Path.home() / ".cache" / "highd_lc"
     with suppress(OSError):
         yield from _temporary()
@@ -139,7 +138,7 @@ def _temporary() -> Iterator[Path]:
 
 
 def _writable(folder: Path) -> bool:
-    """Whether files can be made in a folder, which is made if need be. Asking for permission does not tell."""
+    """Whether files can be made in a folder, which is made if need be: tried, for permissions do not say it."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=folder):
@@ -157,7 +156,7 @@ def _trust_files() -> None:
 
 
 class _OnImport(MetaPathFinder):
-    """Lets numba be imported by whoever needs it, whenever: to import it here would cost each command a second."""
+    """Has numba's cache checked once numba is imported; importing it here would cost each command a second."""
 
     def find_spec(self, name: str, path: object, target: ModuleType | None = None) -> ModuleSpec | None:
         """The usual one, with one step added to the import of ``numba.core.caching``."""

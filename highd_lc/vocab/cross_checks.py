@@ -1,4 +1,4 @@
-"""What every column of a recording is held against: the one table of cross-checks.
+"""The table of cross-checks: with what every column of a recording is compared.
 
 A new check is a row here and a measure in ``stages.cross_checks``; columns ``share_<name>`` of the table
 ``recordings``, warnings and errors follow from it. Each check asks vehicle by vehicle whether two columns agree.

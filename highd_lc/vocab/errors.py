@@ -8,7 +8,7 @@ class HighdLcError(Exception):
 
 
 def told(about: str, error: Exception) -> str:
-    """An error as a line of a list: what it is of, and the kind of an error that nobody foresaw."""
+    """An error in one line: what it is about, its message, and its class if it is no ``HighdLcError``."""
     known = isinstance(error, HighdLcError)
     return " ".join(f"{about}: {'' if known else type(error).__name__ + ': '}{error}".split())
 
@@ -50,7 +50,7 @@ class ClusterError(HighdLcError):
 
 
 class WorkerLostError(HighdLcError):
-    """The process that worked on something ended without a word, and again when it was tried anew."""
+    """A worker process ended without an error message, and again when its work was repeated."""
 
 
 class InterruptedRunError(HighdLcError):
@@ -65,7 +65,7 @@ class InterruptedRunError(HighdLcError):
 
 
 class ShapeError(HighdLcError):
-    """Arrays handed to a function do not fit each other: names the array and its shape."""
+    """Arrays given to a function do not fit each other: names the array and its shape."""
 
 
 class MissingExtraError(HighdLcError):

@@ -1,4 +1,4 @@
-"""Every fixed word that travels in the tables: roles, policies, accountings, statuses, reasons."""
+"""Every fixed word of the tables: roles, policies, accountings, statuses, reasons."""
 
 from typing import Final
 

@@ -1,4 +1,4 @@
-"""Who decides, and over which time each side is charged: the tables that everything else asks."""
+"""Policies and accountings: who plans a motion, and over which time each side is charged."""
 
 from dataclasses import dataclass
 from typing import Final

@@ -98,11 +98,11 @@ class RecorderSettings(BaseModel):
         ),
     ] = 5.0
     start_share: Annotated[
-        Share, Field(description="share that minds a cut-in from the start of its lateral path on")
+        Share, Field(description="share of drivers who react to a cut-in from the start of its lateral path on")
     ] = 0.65
     crossing_share: Annotated[
         Share,
-        Field(description="share that minds it from the crossing on; the rest from a share of the way on"),
+        Field(description="share who react from the crossing on; the rest from a share of the way on"),
     ] = 0.15
     reaction_strength: Annotated[
         float, Field(ge=0.1, le=1.5, description="median share of the model's acceleration that a driver applies")

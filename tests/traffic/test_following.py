@@ -125,15 +125,15 @@ def test_a_cut_in_is_minded_from_the_drivers_share_of_its_way_on(y, moment, mind
     """From y = 1.85 m to the marking at 3.7 m."""
     cars = traffic({"lane": 0, "beside": 1, "origin": 0, "target": 1, "y": y}, {"lane": 1, "moment": moment})
     cars.vehicles["c"][0, 0] = 1.85
-    assert following.minds(cars.vehicles[1], cars.vehicles[0], 1, ROAD, 0.0) == minded
+    assert following.reacts_to(cars.vehicles[1], cars.vehicles[0], 1, ROAD, 0.0) == minded
 
 
 @pytest.mark.parametrize(("time", "minded"), [(10.0, False), (12.9, False), (13.1, True)])
 def test_some_ignore_a_cut_in_for_a_while_after_it_crossed(time, minded):
     cars = traffic({"lane": 1, "crossed": 10.0}, {"lane": 1, "ignores": 3.0})
-    assert following.minds(cars.vehicles[1], cars.vehicles[0], 1, ROAD, time) == minded
+    assert following.reacts_to(cars.vehicles[1], cars.vehicles[0], 1, ROAD, time) == minded
     cars.vehicles["crossed"][0] = -np.inf
-    assert following.minds(cars.vehicles[1], cars.vehicles[0], 1, ROAD, time)
+    assert following.reacts_to(cars.vehicles[1], cars.vehicles[0], 1, ROAD, time)
 
 
 @given(closing=st.floats(0.1, 10.0), room=st.floats(5.0, 200.0), v=st.floats(10.0, 40.0))

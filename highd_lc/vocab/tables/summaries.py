@@ -1,7 +1,4 @@
-"""Columns of what a run comes to: the validation matrix and the summaries of fits and losses.
-
-Columns of the tables that stand behind the fits: tracks, identifiability, pooled fits.
-"""
+"""Columns of the summaries of a run: validation matrix, fits and losses; and of the studies of the fits."""
 
 from typing import Final
 
