@@ -20,10 +20,11 @@ from highd_lc.reporting import labels
 from highd_lc.reporting.drawing import INK, LEGEND, QUIET, SIZE, label, panels
 from highd_lc.scenarios.platoon import Platoon, time_headways
 from highd_lc.vocab import names
+from highd_lc.vocab.published import WEIGHTS
 
 FloatArray = NDArray[np.float64]
 
-PAIR: Final = (names.BENCHMARK, names.LOCAL_OPTIMUM)
+PAIR: Final = tuple(WEIGHTS)
 _COLOUR: Final = {policy: labels.POLICIES[policy].light for policy in PAIR}
 _LABEL: Final = {policy: labels.POLICIES[policy].label for policy in PAIR}
 
@@ -138,7 +139,7 @@ def loss_figure(cells: pd.DataFrame, *, printed: Mapping[str, PrintedLosses]) ->
     _printed_bars(axes[0, 0], printed)
     for one, accounting in zip(axes[0, 1:], names.ACCOUNTINGS, strict=True):
         rows = cells[cells["accounting"] == accounting]
-        for x, (form, omega) in enumerate((f, o) for f in names.FORMS for o in (1.0, 0.5)):
+        for x, (form, omega) in enumerate((f, o) for f in names.FORMS for o in WEIGHTS.values()):
             _stack(one, x, rows[(rows["form"] == form) & (rows["omega_av"] == omega)])
         one.set_xticks(range(4), ["bench.", "local", "bench.\nfree", "local\nfree"])
         label(one, title=_accounting(accounting), grid="y")
@@ -232,7 +233,7 @@ def printed_state_figure(cells: pd.DataFrame, *, printed: Mapping[str, PrintedLo
 
 
 def _totals_over_speed(axes: Axes, cells: pd.DataFrame, printed: Mapping[str, PrintedLosses]) -> None:
-    for policy, omega in zip(PAIR, (1.0, 0.5), strict=True):
+    for policy, omega in WEIGHTS.items():
         rows = cells[cells["omega_av"] == omega].sort_values("v_start")
         style = "--" if policy == names.BENCHMARK else "-"
         axes.plot(rows["v_start"], rows["loss_total"], style, color=_COLOUR[policy], lw=1.8, label=_LABEL[policy])

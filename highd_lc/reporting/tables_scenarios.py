@@ -15,6 +15,7 @@ from highd_lc.reporting.labels import RECORDED
 from highd_lc.reporting.pages_data import Column, Section, TableView, table_view
 from highd_lc.reporting.pages_scenarios import Picture, Words, claim_counts, picture_section, scenario_words
 from highd_lc.scenarios.run import DEFAULT
+from highd_lc.vocab.published import WEIGHTS
 from highd_lc.vocab.scenarios import ScenarioSettings
 
 Frames = Mapping[str, pd.DataFrame]
@@ -167,10 +168,10 @@ def _tracking(frames: Frames) -> Tables:
 def _increments(frames: Frames) -> Tables:
     """The followers' loss with and without the lane change, default variant of scenarios 1 and 2."""
     cells = frames["scenario_cells"]
-    rows = cells[(cells["variant"] == DEFAULT) & cells["omega_av"].isin((1.0, 0.5))]
+    rows = cells[(cells["variant"] == DEFAULT) & cells["omega_av"].isin(list(WEIGHTS.values()))]
     told = rows.assign(
         scenario=rows["scenario"].map(scenario_words),
-        policy=rows["omega_av"].map({1.0: "Benchmark", 0.5: "Local optimum"}),
+        policy=rows["omega_av"].map({omega: labels.POLICIES[policy].label for policy, omega in WEIGHTS.items()}),
         form=rows["form"].map(labels.FORMS),
         accounting=rows["accounting"].map(labels.ACCOUNTING_NAMES),
         increment=rows["loss_hv"] - rows["loss_hv_unchanged"],

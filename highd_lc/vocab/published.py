@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from highd_lc.vocab import names
-from highd_lc.vocab.policy import POLICIES
+from highd_lc.vocab.policy import PAIRS, POLICIES
 
 
 @dataclass(frozen=True)
@@ -27,7 +27,7 @@ class Published:
         """Weight of the AV behind it: 1 of the benchmark, 0.5 of the local optimum unless another is given."""
         if self.omega_given is not None:
             return self.omega_given
-        return POLICIES[self.policy].omega_av(_JOINT)
+        return WEIGHTS[self.policy]
 
     @property
     def key(self) -> str:
@@ -51,7 +51,8 @@ class Totals:
 LOWEST_OMEGA: Final = 0.1
 """The lowest weight of the AV that the paper prints losses of."""
 _JOINT: Final = 0.5
-"""The weight of the AV of its local optimum where none is printed."""
+WEIGHTS: Final = {policy: POLICIES[policy].omega_av(_JOINT) for policy in PAIRS[names.FIXED]}
+"""Weight of the AV of the paper's benchmark and local optimum."""
 _BENCHMARK, _LOCAL = names.BENCHMARK, names.LOCAL_OPTIMUM
 
 SCENARIO_1: Final = (
