@@ -322,3 +322,7 @@ def main() -> None:
         # The file system refused something that no layer below gives a name of its own to.
         errors.print(f"highd-lc: {error}", markup=False)
         sys.exit(StorageError.exit_code)
+
+
+if __name__ == "__main__":
+    main()
