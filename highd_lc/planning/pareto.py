@@ -27,6 +27,7 @@ from highd_lc.planning.search import possible_durations, search
 from highd_lc.planning.start_search import search_starts
 from highd_lc.planning.starts import CONTAINED, StartProblem, best_of
 from highd_lc.vocab import names
+from highd_lc.vocab.policy import PAIRS
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -316,7 +317,7 @@ OFFSETS: Final = 31
 """Nodes over x_final - v0 T; odd, so that constant speed is one, and just below two tiles of candidates."""
 EVERY: Final = 2
 """Every second duration of the planner's grid has a row."""
-ON_SURFACE: Final = (names.CONSTANT, names.HUMAN, *names.FIXED_POLICIES)
+ON_SURFACE: Final = (names.CONSTANT, names.HUMAN, *PAIRS[names.FIXED])
 """The policies that are points of the surface: end speed = start speed, or nearly so (human)."""
 _SMALLEST_HALF_WIDTH_M: Final = 12.0
 _MARGIN: Final = 1.25

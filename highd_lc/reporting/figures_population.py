@@ -18,6 +18,7 @@ from highd_lc.reporting import labels
 from highd_lc.reporting.drawing import DARK, INK, LEGEND, LINE, QUIET, SIZE, colour_bar, panels
 from highd_lc.vocab import names
 from highd_lc.vocab.driver import PARAMETERS, UNITS
+from highd_lc.vocab.policy import PAIRS
 
 FloatArray = NDArray[np.float64]
 
@@ -180,7 +181,7 @@ def start_figure(tiles: pd.DataFrame, accounting: str = names.PRIMARY_ACCOUNTING
     """
     chosen = tiles[(tiles["accounting"] == accounting) & tiles["spacing_low_m"].notna()]
     figure, grid = panels(10.4, 6.6, rows=2, columns=2)
-    for row, policy in zip(grid, names.START_POLICIES, strict=True):
+    for row, policy in zip(grid, PAIRS[names.START], strict=True):
         of_policy = chosen[chosen["policy"] == policy]
         for axes, (column, label) in zip(row, _PANELS, strict=True):
             _tiles(figure, axes, of_policy, column=column, label=label)

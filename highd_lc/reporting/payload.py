@@ -17,6 +17,7 @@ from highd_lc.core.kinematics import known_spans, level_differences
 from highd_lc.reporting import labels
 from highd_lc.reporting.event import EventReport, FitTrace, Path, Play, PredictionTrace, Surface, TrackTrace
 from highd_lc.vocab import names
+from highd_lc.vocab.policy import PAIRS
 
 FloatArray = NDArray[np.float64]
 
@@ -209,7 +210,7 @@ def _place(array: FloatArray, arrays: list[FloatArray]) -> int:
     return known[0] if known else len(arrays) - 1
 
 
-_POINTS: Final = (names.CONSTANT, names.HUMAN, *names.FIXED_POLICIES)
+_POINTS: Final = (names.CONSTANT, names.HUMAN, *PAIRS[names.FIXED])
 
 
 def _points(report: EventReport) -> list[list[Any]]:

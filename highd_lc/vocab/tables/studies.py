@@ -259,7 +259,7 @@ FORESIGHT = Table(
     (
         _EVENT,
         _RECORDING,
-        word("policy", "whose start is chosen", names.START_POLICIES),
+        word("policy", "whose start is chosen", PAIRS[names.START]),
         _KNOWLEDGE,
         number("delay_s", "wait before the manoeuvre; null if no plan was found", "s", minimum=0),
         word("gap", "where the AV goes; empty if no plan was found"),
@@ -277,7 +277,7 @@ FORESIGHT_SUMMARY = Table(
     "policy with a chosen start, and knowledge",
     ("policy", "knowledge"),
     (
-        word("policy", "whose start is chosen", names.START_POLICIES),
+        word("policy", "whose start is chosen", PAIRS[names.START]),
         _KNOWLEDGE,
         count("n_events", "events of the sample with a plan under recorded leaders"),
         count("no_plan", "of these, events in which no plan was found with this knowledge"),
