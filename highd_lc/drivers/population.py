@@ -13,7 +13,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from highd_lc.drivers.responses import Behaviours, Responses, Simulated, simulate
+from highd_lc.drivers.responses import HARDEST, Behaviours, Responses, Simulated, simulate
 from highd_lc.vocab import names
 
 FloatArray = NDArray[np.float64]
@@ -115,7 +115,7 @@ def behaviours(constants: FloatArray, responses: Responses, moment: float) -> Be
 
 
 def respond(population: Population, responses: Responses) -> Simulated:
-    """The followers as the population has them."""
+    """The followers as the population has them, braking by ``HARDEST`` at most."""
     return simulate(names.LCM, behaviours(population.constants, responses, population.moment), responses)
 
 
@@ -126,11 +126,12 @@ class _Descent:
     responses: Responses
     moment: float
     pinned: NDArray[np.bool_]
+    hardest: float
 
     def residuals(self, constants: FloatArray) -> FloatArray:
         """Errors of speed over the square root of their number, 0 where nothing was recorded, shape (K, R)."""
         r = self.responses
-        found = simulate(names.LCM, behaviours(constants, r, self.moment), r)
+        found = simulate(names.LCM, behaviours(constants, r, self.moment), r, hardest=self.hardest)
         error: FloatArray = np.where(r.seen, found.v - r.v, 0.0) / np.sqrt(r.n)
         return error
 
@@ -167,16 +168,18 @@ class _Descent:
         return np.asarray((self.residuals(moved) - residuals) / step)
 
 
-def fit(responses: Responses, *, source: str, without: tuple[str, ...] = ()) -> Population:
+def fit(
+    responses: Responses, *, source: str, without: tuple[str, ...] = (), hardest: float = HARDEST
+) -> Population:
     """The population of these responses; the prior where there are none.
 
-    without: constants held at 0, such as ``memory`` or ``relaxation``.
+    without: constants held at 0, such as ``memory`` or ``relaxation``. hardest: bound of braking [m/s^2].
     """
     if not len(responses):
         return PRIOR
     pinned = np.array([name in without for name in NAMES])
     fits = [
-        (moment, *_descend(_Descent(responses, moment, pinned), start))
+        (moment, *_descend(_Descent(responses, moment, pinned, hardest), start))
         for moment in MOMENTS
         for start in _starts(pinned)
     ]

@@ -5,8 +5,9 @@ Every model is one equation with constants of its own for each follower (equatio
     a = m a_0 + (1 - m) (command(v, s, v_leader) + drift),   m = exp(-t / memory)
 
 and no weaker than the situation demands, once the deceleration required to avoid a contact passes ``need``.
-command is 0 (``none``: nothing happens), the LCM's or the IDM's. memory 0, relaxation 0, drift 0 and an infinite
-``need`` leave the bare model. t counts from t_start, K samples of 0.1 s; R responses lie side by side.
+command is 0 (``none``: nothing happens), the LCM's, the IDM's, or a function of somebody's own. memory 0,
+relaxation 0, drift 0 and an infinite ``need`` leave the bare model. t counts from t_start, K samples of 0.1 s; R
+responses lie side by side.
 """
 
 from dataclasses import dataclass, fields
@@ -17,9 +18,8 @@ from numba import njit
 from numpy.typing import NDArray
 
 from highd_lc.core.car_following import Simulated as Simulated
-from highd_lc.core.drive import advance, follower_command, jump
+from highd_lc.core.drive import advance, family_code, follower_command, jump
 from highd_lc.core.kernels import UNALIASED
-from highd_lc.vocab import names
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -30,6 +30,8 @@ TIME_STEP: Final = 0.1
 HORIZON: Final = 8.0
 """Longest time after t_start that is judged [s]."""
 SAMPLES: Final = round(HORIZON / TIME_STEP) + 1
+HARDEST: Final = 9.0
+"""Braking on a dry road, which no follower exceeds if nothing else is said [m/s^2]."""
 NO_LEADER: Final = 1e9
 """Front of a leader that does not exist [m]."""
 
@@ -107,10 +109,11 @@ class Responses:
         return np.asarray((self.progress < moment - 1e-9).sum(axis=0))
 
 
-def simulate(family: str, behaviours: Behaviours, responses: Responses, *, hardest: float = 9.0) -> Simulated:
+def simulate(family: str, behaviours: Behaviours, responses: Responses, *, hardest: float = HARDEST) -> Simulated:
     """Drive the followers behind what was recorded ahead of them, from their recorded states at t_start.
 
-    family: of ``names.FAMILIES``; hardest: bound of their braking [m/s^2, positive].
+    family: of ``names.FAMILIES``, or the name of a command of one's own; hardest: bound of their braking
+    [m/s^2, positive].
     """
     r, joins = responses, responses.joins(behaviours.moment)
     joined = np.arange(len(r.x))[:, None] >= joins
@@ -118,7 +121,7 @@ def simulate(family: str, behaviours: Behaviours, responses: Responses, *, harde
     leader_length = np.where(joined, r.ahead_length, r.before_length)
     out = Simulated(*(np.empty_like(r.x) for _ in range(3)))
     ahead = _Ahead(leader_x, leader_v, leader_length, r.before_x, r.before_v)
-    _simulate(names.FAMILIES.index(family), behaviours, joins, ahead, r.x[0], r.v[0], hardest, out)
+    _simulate(family_code(family), behaviours, joins, ahead, r.x[0], r.v[0], hardest, out)
     return out
 
 
