@@ -42,15 +42,20 @@ Drives = tuple[str, Behaviours]
 
 @dataclass(frozen=True)
 class Fits:
-    """LCM of each response's follower, shape (R, 6), and the length of the leader of its fit [m]."""
+    """LCM of each response's follower, shape (R, 6), and the length of the leader of its fit [m].
+
+    idm: v_desire, A, b, T, s0 of each, shape (R, 5); NaN without a fit; None: of nobody.
+    """
 
     parameters: FloatArray
     leader_length: FloatArray
     fitted: NDArray[np.bool_]
+    idm: FloatArray | None = None
 
     def take(self, places: NDArray[np.bool_]) -> "Fits":
         """Some of the fits."""
-        return Fits(self.parameters[places], self.leader_length[places], self.fitted[places])
+        idm = None if self.idm is None else self.idm[places]
+        return Fits(self.parameters[places], self.leader_length[places], self.fitted[places], idm)
 
 
 def drives(
@@ -72,7 +77,7 @@ def drives(
     if choice.is_command:
         family, behaviours = _own_drives(choice, responses)
     elif choice.base == names.IDM:
-        family, behaviours = names.IDM, _idm(responses)
+        family, behaviours = names.IDM, _idm(fits.idm, responses)
     else:
         family, behaviours = names.LCM, _lcm(*_parameters(choice.base, fits), responses)
     ones, remembers = np.ones(len(responses)), "memory" in choice.added
@@ -125,13 +130,14 @@ def _lcm(parameters: FloatArray, own: FloatArray, responses: Responses) -> Behav
     return _bare(responses)._replace(v_desire=v_desire, A=A, b=b, B=B, tau=tau, L=ahead, L_before=before)
 
 
-def _idm(responses: Responses) -> Behaviours:
-    """IDM drivers on a motorway: tau is the time gap, L the gap at standstill."""
-    ones, d = np.ones(len(responses)), MOTORWAY
-    bare = _bare(responses)
-    return bare._replace(
-        v_desire=d.v_desire * ones, A=d.A * ones, b=d.b * ones, tau=d.T * ones, L=d.s0 * ones, L_before=d.s0 * ones
-    )
+def _idm(fitted: FloatArray | None, responses: Responses) -> Behaviours:
+    """IDM drivers by their fits, on a motorway without one: tau is the time gap, L the gap at standstill."""
+    d = MOTORWAY
+    rows = np.tile([d.v_desire, d.A, d.b, d.T, d.s0], (len(responses), 1))
+    if fitted is not None:
+        rows = np.where(np.isnan(fitted), rows, fitted)
+    v_desire, A, b, T, s0 = (np.ascontiguousarray(column) for column in rows.T)
+    return _bare(responses)._replace(v_desire=v_desire, A=A, b=b, tau=T, L=s0, L_before=s0)
 
 
 def _naive(base: str, responses: Responses) -> Behaviours:

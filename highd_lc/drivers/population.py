@@ -7,7 +7,7 @@ moment from which the lane changer counts as leader is chosen among ``MOMENTS``.
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -51,16 +51,23 @@ CONSTANTS: Final = (
     Constant("own_time_gap", -0.5, 1.5, 0.0, 0.3, "", "share of the own time gap's deviation that goes into tau"),
     Constant("L_0", 2.0, 8.0, 4.0, 1.0, "m", "spacing at standstill beyond the leader's length"),
     Constant("truck", 0.5, 2.0, 1.0, 0.2, "", "factor of tau for trucks"),
+    Constant("truck_A", 0.3, 2.0, 1.0, 0.2, "", "factor of A for trucks"),
     Constant("memory", 0.0, 15.0, 6.5, 2.0, "s", "time constant with which the acceleration at t_start fades"),
     Constant(
         "persistence", 0.0, 1.2, 1.0, 0.3, "", "share of the acceleration at t_start that is the driver's intent"
     ),
+    Constant("lasting", 0.0, 1.0, 0.5, 0.3, "", "share of that acceleration that is read over 2 s"),
+    Constant("own_offset", 0.0, 1.0, 0.0, 0.2, "", "share of his acceleration beyond his command that stays"),
+    Constant("idle", 0.0, 1.0, 0.0, 0.3, "", "weight of nothing happens behind who is 2 m/s faster"),
     Constant("relaxation", 0.0, 30.0, 0.0, 5.0, "s", "time in which the jump at a change of leader fades"),
 )
+OPTIONAL: Final = ("truck_A", "own_offset", "idle")
+"""Constants that count where they predict drivers better that they were not fitted to."""
 """The prior's centres are the constants found on seven real recordings (equations.md 3.12)."""
 
 NAMES: Final = tuple(c.name for c in CONSTANTS)
 _LOW, _HIGH = np.array([c.low for c in CONSTANTS]), np.array([c.high for c in CONSTANTS])
+_NEUTRAL = np.array([1.0 if name.startswith("truck") else 0.0 for name in NAMES])
 _CENTRE, _SD = np.array([c.centre for c in CONSTANTS]), np.array([c.sd for c in CONSTANTS])
 SPREAD: Final = _SD[[NAMES.index(name) for name in ("v_desire", "A", "b", "B", "tau", "L_0")]]
 """How much drivers are taken to differ: the prior's standard deviations, in the LCM's order of parameters."""
@@ -72,6 +79,9 @@ _RELAXED = 8.0  # where a second descent starts [s]
 _SMALLEST_GAIN = 1e-5
 _LEAST_ERROR = 1e-2  # errors below this weigh as this [m/s]
 _CHAIN_WEIGHT = 0.25  # of followers behind HV_1, who keep their leader
+_OPENING = 2.0  # by so much faster a lane changer opens the gap by itself [m/s]
+_LEAST_GAIN = 0.02  # share of the held-out error by which an optional constant has to lower it
+_MOST_OFFSET = 1.0  # no driver's own offset is read from more than this [m/s^2]
 _POWER = 1.5  # of an error: between the mean error, which asks for skill, and its square, which asks for no bias
 
 
@@ -97,9 +107,12 @@ def behaviours(constants: FloatArray, responses: Responses, moment: float) -> Be
     v_0, ones = responses.v[0], np.ones(len(responses))
     gap = np.clip(np.nan_to_num(responses.time_gap - TIME_GAP), -1.0, 1.5)
     tau = np.maximum(c["tau"] + c["own_time_gap"] * gap, 0.1) * np.where(responses.truck, c["truck"], 1.0)
-    return Behaviours(
+    lasting = (1.0 - c["lasting"]) * responses.a_0 + c["lasting"] * responses.a_lasting - responses.drift
+    # A weight of nothing happens in the command is a factor of A: the LCM's command is proportional to it.
+    opening = np.clip((responses.v_ahead[0] - v_0) / _OPENING, 0.0, 1.0) * (responses.rank == 1)
+    found = Behaviours(
         v_desire=(1.0 - c["own_speed"]) * c["v_desire"] + c["own_speed"] * (v_0 + c["above"]),
-        A=c["A"] * ones,
+        A=c["A"] * np.where(responses.truck, c["truck_A"], 1.0) * (1.0 - c["idle"] * opening),
         b=c["b"] * ones,
         B=c["B"] * ones,
         tau=tau,
@@ -108,10 +121,22 @@ def behaviours(constants: FloatArray, responses: Responses, moment: float) -> Be
         memory=c["memory"] * ones,
         relaxation=c["relaxation"] * ones,
         need=NEED * ones,
-        a_0=responses.drift + c["persistence"] * (responses.a_0 - responses.drift),
+        a_0=responses.drift + c["persistence"] * lasting,
         drift=responses.drift,
         moment=moment * ones,
     )
+    if not c["own_offset"]:
+        return found
+    beyond = np.clip(lasting - _commands_at_start(found, responses), -_MOST_OFFSET, _MOST_OFFSET)
+    return found._replace(drift=responses.drift + c["own_offset"] * beyond)
+
+
+def _commands_at_start(b: Behaviours, responses: Responses) -> FloatArray:
+    """What every driver's model commands at t_start behind the leader before the change [m/s^2], shape (R,)."""
+    v, v_leader = responses.v[0], responses.before_v[0]
+    wanted = v**2 / (2.0 * b.b) - v_leader**2 / (2.0 * b.B) + v * b.tau + b.L_before
+    spacing = (responses.before_x[0] - responses.x[0]) / np.maximum(wanted, b.L_before)
+    return np.asarray(b.A * (1.0 - v / b.v_desire - np.exp(np.clip(1.0 - spacing, -700.0, 40.0))))
 
 
 def respond(population: Population, responses: Responses) -> Simulated:
@@ -177,19 +202,51 @@ def fit(
     """
     if not len(responses):
         return PRIOR
-    pinned = np.array([name in without for name in NAMES])
+    pinned = np.array([name in (*without, *OPTIONAL) for name in NAMES])
     fits = [
         (moment, *_descend(_Descent(responses, moment, pinned, hardest), start))
         for moment in MOMENTS
         for start in _starts(pinned)
     ]
     moment, constants, _ = min(fits, key=lambda found: found[2])
+    problem = _Descent(responses, moment, pinned, hardest)
+    freed = pinned & ~_chosen_options(problem, constants, [name for name in OPTIONAL if name not in without])
+    if (freed != pinned).any():
+        constants, _ = _descend(replace(problem, pinned=freed), constants)
     return Population(constants, moment, len(responses), source)
+
+
+def _chosen_options(problem: _Descent, constants: FloatArray, options: list[str]) -> NDArray[np.bool_]:
+    """Which optional constants lower the error of the half of the responses that they are not fitted to.
+
+    Halves are recordings, or events where there is one recording alone. constants: where every fit starts.
+    """
+    chosen, bare = np.zeros(len(NAMES), bool), _held_out(problem, constants)
+    for name in options:
+        wanted = np.array(NAMES) == name
+        error = _held_out(replace(problem, pinned=problem.pinned & ~wanted), constants)
+        chosen |= wanted & (error < (1.0 - _LEAST_GAIN) * bare)
+    return chosen
+
+
+def _held_out(problem: _Descent, constants: FloatArray) -> float:
+    """Mean power of the error of responses, each half by the constants of the other; infinite without two."""
+    r = problem.responses
+    _, place = np.unique(r.recording if len(np.unique(r.recording)) > 1 else r.event, return_inverse=True)
+    halves = [place % 2 == half for half in (0, 1)]
+    if not all(half.any() for half in halves):
+        return np.inf
+    total = 0.0
+    for held in halves:
+        fitted, _ = _descend(replace(problem, responses=r.take(~held)), constants)
+        part = replace(problem, responses=r.take(held), pinned=np.ones(len(NAMES), bool))
+        total += held.mean() * part.objective(fitted, part.residuals(fitted))
+    return total
 
 
 def _starts(pinned: NDArray[np.bool_]) -> Iterator[FloatArray]:
     """The prior's centre; and with relaxation, whose derivative vanishes at the prior's 0."""
-    start = np.where(pinned, 0.0, _CENTRE)
+    start = np.where(pinned, _NEUTRAL, _CENTRE)
     yield start
     place = NAMES.index("relaxation")
     if not pinned[place]:

@@ -66,9 +66,10 @@ class Responses:
     tracks are in view and the follower keeps its lane. before_x, before_v: front and speed of the leader until the
     change (x = ``NO_LEADER``: none), x_ahead, v_ahead: of who it gets as leader, shape (K, R); lengths (R,) [m].
     progress: share of the lane changer's lateral way, ascending, (K, R); 1 for who keeps its leader.
-    a_0: recorded acceleration before t_start, drift: of the carriageway, without the event's vehicles [m/s^2];
-    time_gap: to the leader before t_start [s], NaN unless it was followed. truck, rank (R,). event, recording,
-    location, time: which event (an index), recording, site, and time of t_start in the recording [s].
+    a_0, a_lasting: recorded acceleration over the last 0.5 s and the last 2 s before t_start, drift: of the
+    carriageway, without the event's vehicles [m/s^2]; time_gap: to the leader before t_start [s], NaN unless it
+    was followed. truck, rank (R,). event, recording, location, time: which event (an index), recording, site, and
+    time of t_start in the recording [s].
     """
 
     x: FloatArray
@@ -82,6 +83,7 @@ class Responses:
     ahead_length: FloatArray
     progress: FloatArray
     a_0: FloatArray
+    a_lasting: FloatArray
     drift: FloatArray
     time_gap: FloatArray
     truck: BoolArray

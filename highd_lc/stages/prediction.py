@@ -29,7 +29,7 @@ from highd_lc.stages.prediction_tables import (
     prediction_aims,
     prediction_summary,
 )
-from highd_lc.stages.responses import load_population, responses_of, save_population
+from highd_lc.stages.responses import idm_fits, load_population, responses_of, save_population
 from highd_lc.vocab import names
 from highd_lc.vocab.driver import PARAMETERS
 from highd_lc.vocab.follower_names import command_parameters, own_function, parse
@@ -74,7 +74,9 @@ def predict(combination: Combination, followers: pd.DataFrame) -> None:
     hardest = hardest_braking(settings.validation.followers.b_max)
     known = load_population(Path(given)) if given else None
     crossfit = CrossFit(responses, given=known, moment=moment, hardest=hardest)
-    judgement = judge_all(rows, responses, _fits(rows, followers), crossfit, _chosen(settings), hardest=hardest)
+    judgement = judge_all(
+        rows, responses, _fits(rows, followers, work), crossfit, _chosen(settings), hardest=hardest
+    )
     errors, how = prediction(judgement, scales(settings)), settings.validation
     confidence = how.statistics.confidence
     summary = prediction_summary(errors, how.follower_models[0], confidence=confidence)
@@ -112,13 +114,14 @@ def _chosen(settings: Settings) -> tuple[str, ...]:
     return tuple(name for name in wanted if not (given and parse(name).removed))
 
 
-def _fits(rows: pd.DataFrame, followers: pd.DataFrame) -> models.Fits:
-    """The LCM of each response's follower."""
+def _fits(rows: pd.DataFrame, followers: pd.DataFrame, work: Path) -> models.Fits:
+    """The LCM and the IDM of each response's follower."""
     keyed = followers.set_index(["event_id", "follower"])
     own = keyed.loc[list(zip(rows["event_id"], rows["follower"], strict=True))] if len(rows) else keyed.iloc[:0]
     parameters = own[list(PARAMETERS)].to_numpy(np.float64)
     fitted = (own["status"] == names.FITTED).to_numpy()
-    return models.Fits(parameters, own["leader_length_m"].to_numpy(np.float64), fitted)
+    lengths = own["leader_length_m"].to_numpy(np.float64)
+    return models.Fits(parameters, lengths, fitted, idm_fits(rows, lengths, work))
 
 
 def judge_all(

@@ -231,8 +231,10 @@ RESPONSES = Table(
         number("before_length", "length of the leader before the change", "m", nullable=False, minimum=0),
         number("ahead_length", "length of the leader after it", "m", nullable=False, minimum=0),
         number("a_0", "mean recorded acceleration over the 0.5 s before t_start", "m/s²", nullable=False),
+        number("a_lasting", "the same over the 2 s before t_start, as far as in view", "m/s²", nullable=False),
         number("drift", "median acceleration of the carriageway's other vehicles", "m/s²", nullable=False),
         number("density", "the carriageway's vehicles in view at t_start, a km and lane", "veh/km", minimum=0),
+        Column("idm", "list<float64>", "IDM fitted before t_start: v_desire, A, b, T, s0; else empty"),
         number("time_gap", "time gap to the leader at t_start; null unless it was followed", "s"),
         *(
             Column(name, "list<float64>", meaning)
