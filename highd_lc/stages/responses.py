@@ -17,7 +17,7 @@ from highd_lc.drivers.identifiability import EVERYBODY, pool_idm
 from highd_lc.drivers.population import CONSTANTS, NAMES, OPTIONAL, Population
 from highd_lc.drivers.prediction import Scales, motion_loss
 from highd_lc.drivers.responses import HORIZON, NO_LEADER, SAMPLES, Responses
-from highd_lc.io import atomic
+from highd_lc.io import artefacts, atomic
 from highd_lc.planning.candidates import LossTerms
 from highd_lc.planning.scene import Motion, Scene, pack
 from highd_lc.stages.scenes import SceneTables, of_own_fits, scene_makers, track_of
