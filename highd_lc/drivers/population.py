@@ -7,7 +7,7 @@ moment from which the lane changer counts as leader is chosen among ``MOMENTS``.
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Final
 
 import numpy as np
@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from highd_lc.drivers.responses import HARDEST, Behaviours, Responses, Simulated, simulate
 from highd_lc.vocab import names
+from highd_lc.vocab.driver import PARAMETERS
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -70,7 +71,7 @@ _LOW, _HIGH = np.array([c.low for c in CONSTANTS]), np.array([c.high for c in CO
 _NEUTRAL = np.array([1.0 if name.startswith("truck") else 0.0 for name in NAMES])
 _CENTRE, _SD = np.array([c.centre for c in CONSTANTS]), np.array([c.sd for c in CONSTANTS])
 SPREAD: Final = _SD[[NAMES.index(name) for name in ("v_desire", "A", "b", "B", "tau", "L_0")]]
-"""How much drivers are taken to differ: the prior's standard deviations, in the LCM's order of parameters."""
+"""How much drivers are taken to differ a priori: standard deviations, in the LCM's order of parameters."""
 NEED: Final = 1.5
 """Required deceleration from which a driver brakes at once, whatever he remembers [m/s^2]."""
 _PRIOR_WEIGHT = 0.25  # the prior counts as a quarter of a response that is off by its standard deviation
@@ -79,6 +80,10 @@ _RELAXED = 8.0  # where a second descent starts [s]
 _SMALLEST_GAIN = 1e-5
 _LEAST_ERROR = 1e-2  # errors below this weigh as this [m/s]
 _CHAIN_WEIGHT = 0.25  # of followers behind HV_1, who keep their leader
+_APART = 20  # samples between errors that count as independent
+_SPREAD_PRIOR = 5.0  # drivers that the prior's spread counts as
+_SPREAD_ITERATIONS = 100
+_SPREAD_STEP = 0.05  # of a difference, in standard deviations
 _OPENING = 2.0  # by so much faster a lane changer opens the gap by itself [m/s]
 _LEAST_GAIN = 0.02  # share of the held-out error by which an optional constant has to lower it
 _MOST_OFFSET = 1.0  # no driver's own offset is read from more than this [m/s^2]
@@ -87,12 +92,15 @@ _POWER = 1.5  # of an error: between the mean error, which asks for skill, and i
 
 @dataclass(frozen=True)
 class Population:
-    """Fitted constants (order of ``NAMES``), moment of the change of leader, responses used, and their source."""
+    """Fitted constants (order of ``NAMES``), moment of the change of leader, responses used, their source; and how
+    much drivers differ: a standard deviation of each parameter of the LCM, shape (6,).
+    """
 
     constants: FloatArray
     moment: float
     n_responses: int
     source: str
+    spread: FloatArray = field(default_factory=SPREAD.copy)
 
     def __getitem__(self, name: str) -> float:
         return float(self.constants[NAMES.index(name)])
@@ -213,7 +221,36 @@ def fit(
     freed = pinned & ~_chosen_options(problem, constants, [name for name in OPTIONAL if name not in without])
     if (freed != pinned).any():
         constants, _ = _descend(replace(problem, pinned=freed), constants)
-    return Population(constants, moment, len(responses), source)
+    return Population(constants, moment, len(responses), source, _spread(problem, constants))
+
+
+def _spread(problem: _Descent, constants: FloatArray) -> FloatArray:
+    """How much drivers differ in each parameter of the LCM, by what the population leaves unexplained, (6,).
+
+    A linear mixed model of the errors of speed, z the drivers' deviations in the prior's standard deviations:
+    error = J z + noise, z ~ N(0, D), by expectation maximisation; the prior, D = 1, counts as a few drivers.
+    """
+    r, apart = problem.responses, slice(_APART, None, _APART)
+    b = behaviours(constants, r, problem.moment)
+    bare = simulate(names.LCM, b, r, hardest=problem.hardest).v[apart]
+    error = np.where(r.seen[apart], r.v[apart] - bare, 0.0)
+    slopes = np.empty((len(PARAMETERS), *error.shape))
+    for j, name in enumerate(PARAMETERS):
+        step = _SPREAD_STEP * SPREAD[j]
+        moved = b._replace(**{name: getattr(b, name) + step})
+        found = simulate(names.LCM, moved, r, hardest=problem.hardest).v[apart]
+        slopes[j] = np.where(r.seen[apart], (found - bare) / _SPREAD_STEP, 0.0)
+    H, g = np.einsum("ikr,jkr->rij", slopes, slopes), np.einsum("ikr,kr->ri", slopes, error)
+    samples = max(int(r.seen[apart].sum()), 1)
+    D, noise = np.ones(len(PARAMETERS)), float((error**2).sum()) / samples + _LEAST_ERROR**2
+    for _ in range(_SPREAD_ITERATIONS):
+        V = np.linalg.inv(np.diag(1.0 / D) + H / noise)
+        z = np.einsum("rij,rj->ri", V, g) / noise
+        left = error - np.einsum("ikr,ri->kr", slopes, z)
+        noise = (float((left**2).sum()) + float(np.einsum("rij,rji->", H, V))) / samples + _LEAST_ERROR**2
+        seen = (z**2 + np.diagonal(V, axis1=1, axis2=2)).sum(axis=0)
+        D = (_SPREAD_PRIOR + seen) / (_SPREAD_PRIOR + len(r))
+    return np.asarray(SPREAD * np.sqrt(D))
 
 
 def _chosen_options(problem: _Descent, constants: FloatArray, options: list[str]) -> NDArray[np.bool_]:

@@ -27,6 +27,7 @@ from highd_lc.drivers import models, population
 from highd_lc.drivers.population import Population
 from highd_lc.drivers.responses import HARDEST, TIME_STEP, Behaviours, Responses, Simulated
 from highd_lc.vocab import names
+from highd_lc.vocab.driver import PARAMETERS
 from highd_lc.vocab.follower_names import parse
 
 FloatArray = NDArray[np.float64]
@@ -342,6 +343,16 @@ class CrossFit:
     def _fit(self, fold: Fold, without: tuple[str, ...]) -> Population:
         taught = thinned(self.responses.take(fold.taught & (self.responses.n >= _LEAST_SAMPLES)))
         return population.fit(taught, source=fold.word, without=without, hardest=self.hardest)
+
+    def spreads(self, name: str, responses: Responses) -> FloatArray:
+        """How much drivers differ about each response's parameters under a model, (R, 6); 0 where unknown."""
+        out, choice = np.zeros((len(responses), len(PARAMETERS))), parse(name)
+        if choice.base == names.POPULATION and self.given is not None:
+            out[:] = self.given.spread
+        elif choice.base == names.POPULATION:
+            for fold, fitted in self.populations(choice.removed):
+                out[fold.held] = fitted.spread
+        return out
 
     def fold_words(self, responses: Responses) -> NDArray[np.object_]:
         """What the constants of each response's population come from."""

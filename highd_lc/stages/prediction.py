@@ -55,6 +55,7 @@ class Judgement:
     ahead: dict[str, FloatArray]
     behaviours: dict[str, tuple[str, Behaviours]]
     folds: NDArray[np.object_]
+    spreads: dict[str, FloatArray]
 
 
 def scales(settings: Settings) -> Scales:
@@ -134,7 +135,8 @@ def judge_all(
     for name in chosen:
         behaviours[name] = crossfit.drives(name, responses, fits)
         simulated[name], ahead[name] = _chain(*behaviours[name], responses, hardest)
-    return Judgement(rows, responses, simulated, ahead, behaviours, crossfit.fold_words(responses))
+    spreads = {name: crossfit.spreads(name, responses) for name in chosen}
+    return Judgement(rows, responses, simulated, ahead, behaviours, crossfit.fold_words(responses), spreads)
 
 
 def _chain(
@@ -173,7 +175,7 @@ def follower_models(judgement: Judgement) -> pd.DataFrame:
         values: dict[str, Any] = {
             "model": name, "family": family if family in names.FAMILIES else names.FUNCTION,
             "fold": judgement.folds if parse(name).base == names.POPULATION else "",
-            "parameters": _own_parameters(family, b),
+            "parameters": _own_parameters(family, b), "spread": _spread_words(judgement.spreads[name]),
             "v_desire": b.v_desire if own else np.nan, "A": b.A if own else np.nan, "b": b.b if own else np.nan,
             "B": b.B if lcm else np.nan, "tau": b.tau if own else np.nan, "L": b.L if own else np.nan,
             "L_before": b.L_before if own else np.nan, "memory_s": b.memory, "relaxation_s": b.relaxation,
@@ -182,6 +184,11 @@ def follower_models(judgement: Judgement) -> pd.DataFrame:
         }  # fmt: skip
         parts.append(frame.assign(**values))
     return _table("follower_models", parts)
+
+
+def _spread_words(spreads: FloatArray) -> list[dict[str, float]]:
+    """Each follower's spread by parameter; nothing where it is 0."""
+    return [{p: s for p, s in zip(PARAMETERS, row, strict=True) if s > 0.0} for row in spreads.tolist()]
 
 
 def _own_parameters(family: str, behaviours: Behaviours) -> list[dict[str, float]]:

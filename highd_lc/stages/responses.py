@@ -14,7 +14,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from highd_lc.drivers.identifiability import EVERYBODY, pool_idm
-from highd_lc.drivers.population import CONSTANTS, NAMES, OPTIONAL, Population
+from highd_lc.drivers.population import CONSTANTS, NAMES, OPTIONAL, SPREAD, Population
 from highd_lc.drivers.prediction import Scales, motion_loss
 from highd_lc.drivers.responses import HORIZON, NO_LEADER, SAMPLES, Responses
 from highd_lc.io import artefacts, atomic
@@ -22,6 +22,7 @@ from highd_lc.planning.candidates import LossTerms
 from highd_lc.planning.scene import Motion, Scene, pack
 from highd_lc.stages.scenes import SceneTables, of_own_fits, scene_makers, track_of
 from highd_lc.vocab import names
+from highd_lc.vocab.driver import PARAMETERS
 from highd_lc.vocab.errors import SettingsError, told
 from highd_lc.vocab.settings import LossSettings, ValidateSettings
 
@@ -252,6 +253,8 @@ def save_population(path: Path, population: Population) -> None:
     for constant, value in zip(CONSTANTS, population.constants.tolist(), strict=True):
         unit = f" [{constant.unit}]" if constant.unit else ""
         lines.append(f"{constant.name} = {value!r}  # {constant.meaning}{unit}")
+    lines.append("[spread]  # standard deviation over drivers")
+    lines += [f"{name} = {value!r}" for name, value in zip(PARAMETERS, population.spread.tolist(), strict=True)]
     atomic.write_text(path, "\n".join(lines) + "\n")
 
 
@@ -273,4 +276,16 @@ def load_population(path: Path) -> Population:
             raise SettingsError(f"{path}: key constants.{constant.name} = {value!r}: {allowed} is needed")
     moment = found.get("moment", 0.5)
     values = np.array([float(constants[name]) for name in NAMES])
-    return Population(values, float(moment), int(found.get("n_responses", 0)), str(found.get("source", path.name)))
+    spread = np.array(
+        [_spread_of(path, found, name, prior) for name, prior in zip(PARAMETERS, SPREAD, strict=True)]
+    )
+    count, source = int(found.get("n_responses", 0)), str(found.get("source", path.name))
+    return Population(values, float(moment), count, source, spread)
+
+
+def _spread_of(path: Path, found: dict[str, Any], name: str, prior: float) -> float:
+    """The spread of a parameter, the prior's in earlier files. Raises SettingsError for what is no such number."""
+    value = found.get("spread", {}).get(name, float(prior))
+    if not isinstance(value, int | float) or not 0.0 <= value < np.inf:
+        raise SettingsError(f"{path}: key spread.{name} = {value!r}: a number from 0 on is needed")
+    return float(value)

@@ -11,7 +11,6 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from highd_lc.core.lcm import moved_behind
-from highd_lc.drivers.population import SPREAD
 from highd_lc.io import artefacts
 from highd_lc.planning.scene import Followers, Motion
 from highd_lc.vocab import names
@@ -113,7 +112,7 @@ def driven(
         followers,
         parameters=_parameters(drivers, [ego_length, *followers.length[:-1]]),
         L_no_change=moved_behind(L, behind, target_leader.length if target_leader is not None else behind),
-        spread=np.array([[row.get(p, 0.0) for p in PARAMETERS] for row in map(dict, drivers["spread"])]),
+        spread=_spread(drivers),
         **bare,
     )
 
@@ -131,7 +130,7 @@ def _behaviour(drivers: Columns, base: str) -> dict[str, Any]:
     return {
         "parameters": parameters,
         "L_no_change": first_L,
-        "spread": np.tile(SPREAD, (len(drivers["L"]), 1)) if base == names.POPULATION else None,
+        "spread": _spread(drivers) if base == names.POPULATION else None,
         "family": family,
         "memory": drivers["memory_s"].astype(np.float64),
         "relaxation": drivers["relaxation_s"].astype(np.float64),
@@ -140,6 +139,10 @@ def _behaviour(drivers: Columns, base: str) -> dict[str, Any]:
         "drift": drivers["drift"].astype(np.float64),
         "moment": drivers["moment"].astype(np.float64),
     }
+
+
+def _spread(drivers: Columns) -> FloatArray:
+    return np.array([[row.get(p, 0.0) for p in PARAMETERS] for row in map(dict, drivers["spread"])])
 
 
 def _of_function(rows: NDArray[Any]) -> FloatArray:

@@ -10,7 +10,9 @@ from highd_lc.core.lcm import lcm_acceleration
 from highd_lc.drivers import population
 from highd_lc.drivers.population import CONSTANTS, NAMES, PRIOR, Population
 from highd_lc.drivers.prediction import CrossFit, folds
-from highd_lc.drivers.responses import Responses
+from highd_lc.drivers.responses import Responses, simulate
+from highd_lc.vocab import names
+from highd_lc.vocab.driver import PARAMETERS
 
 OF_TRUE = {
     "v_desire": 27.0, "own_speed": 0.2, "above": 2.0, "A": 1.1, "b": 2.3, "B": 1.6, "tau": 2.9,
@@ -124,3 +126,28 @@ def test_an_own_offset_is_what_was_beyond_the_command_before_the_start() -> None
         own = 0.5 * (responses.a_0[i] + responses.a_lasting[i]) - responses.drift[i]
         expected = responses.drift[i] + 0.5 * np.clip(own - command, -1.0, 1.0)
         assert kept.drift[i] == pytest.approx(expected)
+
+
+def test_drivers_drawn_with_the_spread_differ_as_much_as_the_recorded_ones() -> None:
+    responses = made(240, seed=13)
+    b = population.behaviours(TRUE.constants, responses, TRUE.moment)
+
+    def differ(sd: float) -> tuple[float, float]:
+        """Mean square deviation of the speed after 5 s, of the recorded drivers and of drawn ones."""
+        rng = np.random.default_rng(3)
+        own = b._replace(tau=np.maximum(b.tau + sd * rng.normal(size=240), 0.3))
+        found = simulate(names.LCM, own, responses)
+        v = found.v + 0.05 * rng.normal(size=found.v.shape)
+        fitted = population.fit(replace(responses, x=found.x, v=v), source="all")
+        mean = population.behaviours(fitted.constants, responses, fitted.moment)
+        drawn = {p: np.maximum(getattr(mean, p) + s * rng.normal(size=240), 0.2) for p, s in _spreads(fitted)}
+        middle, other = (simulate(names.LCM, one, responses).v[50] for one in (mean, mean._replace(**drawn)))
+        return float(((v[50] - middle) ** 2).mean()), float(((other - middle) ** 2).mean())
+
+    alike, apart = differ(0.0), differ(1.2)
+    assert alike[1] < 0.5 * apart[1]
+    assert 0.5 < apart[1] / apart[0] < 2.0
+
+
+def _spreads(fitted: Population) -> list[tuple[str, float]]:
+    return list(zip(PARAMETERS, fitted.spread.tolist(), strict=True))

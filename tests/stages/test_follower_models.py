@@ -51,6 +51,7 @@ def told_otherwise(work):
                 "a_0": 0.0,
                 "drift": 0.0,
                 "parameters": {},
+                "spread": {},
             }
         )
     frame = pd.DataFrame(rows)[list(TABLES["follower_models"].column_names)]

@@ -59,6 +59,7 @@ FOLLOWER_MODELS = Table(
         Column(
             "parameters", "map<string,float64>", "parameters of the model's function, in its order; else empty"
         ),
+        Column("spread", "map<string,float64>", "standard deviation over drivers (population), else empty"),
         number("memory_s", "time constant with which the acceleration at t_start fades; 0 = none", "s", minimum=0),
         number("relaxation_s", "time in which the jump at a change of leader fades; 0 = none", "s", minimum=0),
         number(
