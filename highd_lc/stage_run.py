@@ -23,6 +23,7 @@ from highd_lc.io.atomic import Written
 from highd_lc.io.settings import digest
 from highd_lc.io.workspace import Inputs, Records
 from highd_lc.vocab.errors import ClusterError, HighdLcError, InputError, StorageError, WorkerLostError, told
+from highd_lc.vocab.follower_names import parse, source_of
 from highd_lc.vocab.job import (
     CarryOut,
     Combination,
@@ -86,12 +87,20 @@ class Stage:
     def depends_on(self, settings: Settings, options: Options, request: ReportRequest | None) -> list[Dependency]:
         """What its work on a recording depends on beside its inputs and the code."""
         found = [attrgetter(name)(settings) for name in self.settings]
-        return [repr(value) if isinstance(value, float) else value for value in found] + self._contents(settings)
+        plain = [repr(value) if isinstance(value, float) else value for value in found]
+        return plain + self._contents(settings) + self._functions(settings)
 
     def _contents(self, settings: Settings) -> list[Dependency]:
         """Hashes of the files that its settings name; who reads a missing one says so."""
         paths = [Path(attrgetter(name)(settings)) for name in self.files if attrgetter(name)(settings)]
         return [hashlib.sha256(path.read_bytes()).hexdigest() for path in paths if path.is_file()]
+
+    def _functions(self, settings: Settings) -> list[Dependency]:
+        """The source text of follower models of a researcher's own, where it reads follower models."""
+        if "calibrate" not in self.settings:
+            return []
+        models = (*settings.calibrate.models, *settings.validation.follower_models)
+        return [text for name in dict.fromkeys(models) if (text := source_of(parse(name).base))]
 
     def neighbours(self, options: Options) -> list[str]:
         """What only the combination depends on, and no stage of a run makes."""

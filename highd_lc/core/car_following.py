@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from highd_lc.core.drive import UNBOUNDED, advance, bounded
 from highd_lc.core.kernels import UNALIASED
-from highd_lc.core.lcm import vector_exp
+from highd_lc.core.lcm import idm_command, vector_exp
 
 FloatArray = NDArray[np.float64]
 
@@ -46,8 +46,9 @@ class FitProblem(NamedTuple):
     """What a candidate is judged by; a named tuple so that compiled code can take it.
 
     track: rows of ``core.car_following.FollowingTrack.as_array``, shape (5, K). open_loop: the paper's objective
-    instead of the closed loop. delayed: the command is applied tau later (equation 10 as printed). hardest: bound
-    of commanded braking [m/s^2, positive], infinite = none. weights: reciprocals of sum s^2, sum v^2 and
+    instead of the closed loop. delayed: the command is applied tau later (equation 10 as printed). idm: the IDM
+    drives in the closed loop, leader_x is the leader's rear, T and s0 stand where the LCM has tau and L. hardest:
+    bound of commanded braking [m/s^2, positive], infinite = none. weights: reciprocals of sum s^2, sum v^2 and
     sum |a_obs|, shape (3,). lower, upper: bounds of parameters, shape (6,).
     A penalty sum_j strength_j (p_j - centre_j)^2 is added to the objective; centre, strength: shape (6,).
     """
@@ -55,6 +56,7 @@ class FitProblem(NamedTuple):
     track: FloatArray
     open_loop: bool
     delayed: bool
+    idm: bool
     hardest: float
     weights: FloatArray
     lower: FloatArray
@@ -117,8 +119,43 @@ def _delay_commands(k: int, width: int, scratch: FloatArray, states: FloatArray)
 
 
 @njit(cache=True, nogil=True, fastmath={"contract"}, error_model="numpy", **UNALIASED)
+def _step_idm(
+    now: int,
+    width: int,
+    leader_rear: float,
+    leader_v: float,
+    x_recorded: float,
+    v_recorded: float,
+    hardest: float,
+    scratch: FloatArray,
+    states: FloatArray,
+) -> None:
+    """The errors of a tile of IDM drivers at a sample, whose states lie at ``now``, and their step."""
+    for i in range(width):
+        v, x = states[now + SIM_V * WIDTH + i], states[now + SIM_X * WIDTH + i]
+        error_x, error_v = x - x_recorded, v - v_recorded
+        scratch[ERROR_1 * WIDTH + i] += error_x * error_x
+        scratch[ERROR_2 * WIDTH + i] += error_v * error_v
+        v_desire, b = 1.0 / scratch[_INVERSE_V_DESIRE * WIDTH + i], 0.5 / scratch[_HALF_INVERSE_b * WIDTH + i]
+        T, s0 = scratch[_TAU * WIDTH + i], scratch[_L * WIDTH + i]
+        a = idm_command(v, leader_rear - x, leader_v, v_desire, scratch[_A * WIDTH + i], b, T, s0)
+        a = bounded(a, hardest)
+        states[now + SIM_COMMAND * WIDTH + i] = a
+        states[now + SIM_A * WIDTH + i] = a
+        x, v = advance(x, v, a, TIME_STEP)
+        states[now + _NEXT + SIM_V * WIDTH + i] = v
+        states[now + _NEXT + SIM_X * WIDTH + i] = x
+
+
+@njit(cache=True, nogil=True, fastmath={"contract"}, error_model="numpy", **UNALIASED)
 def simulate_closed_loop(
-    track: FloatArray, width: int, delayed: bool, hardest: float, scratch: FloatArray, states: FloatArray
+    track: FloatArray,
+    width: int,
+    idm: bool,
+    delayed: bool,
+    hardest: float,
+    scratch: FloatArray,
+    states: FloatArray,
 ) -> None:
     """Drive the candidates of a loaded tile behind the recorded leader; sums of squared errors into scratch.
 
@@ -135,6 +172,9 @@ def simulate_closed_loop(
         leader_x, leader_v = track[LEADER_X, k], track[LEADER_V, k]
         now = k * _NEXT
         x_recorded, v_recorded = track[X, k], track[V, k]
+        if idm:
+            _step_idm(now, width, leader_x, leader_v, x_recorded, v_recorded, hardest, scratch, states)
+            continue
         for i in range(width):
             v, x = states[now + SIM_V * WIDTH + i], states[now + SIM_X * WIDTH + i]
             error_x, error_v = x - x_recorded, v - v_recorded
@@ -221,7 +261,7 @@ def evaluate_tile(
     if problem.open_loop:
         simulate_open_loop(problem.track, width, problem.delayed, problem.hardest, scratch, states)
     else:
-        simulate_closed_loop(problem.track, width, problem.delayed, problem.hardest, scratch, states)
+        simulate_closed_loop(problem.track, width, problem.idm, problem.delayed, problem.hardest, scratch, states)
     for i in range(width):
         error_1, error_2 = scratch[ERROR_1 * WIDTH + i], scratch[ERROR_2 * WIDTH + i]
         if problem.open_loop:
@@ -288,9 +328,12 @@ def fit_problem(
     *,
     open_loop: bool = False,
     delayed: bool = False,
+    idm_behind: float | None = None,
     hardest: float = UNBOUNDED,
 ) -> FitProblem:
     """The fit of a track within bounds (6,), without a penalty. hardest: bound of commanded braking [m/s^2].
+
+    idm_behind: length of the leader [m], with which the IDM is fitted instead of the LCM, in the closed loop.
 
     A sum that is zero (a follower that stands, or never accelerates) gives an infinite weight; callers exclude it.
     """
@@ -298,7 +341,10 @@ def fit_problem(
     with np.errstate(divide="ignore"):
         weights = 1.0 / sums
     nothing = np.zeros(6)
-    return FitProblem(track.as_array(), open_loop, delayed, hardest, weights, lower, upper, nothing, nothing)
+    rows, idm = track.as_array(), idm_behind is not None
+    if idm_behind is not None:
+        rows[LEADER_X] -= idm_behind
+    return FitProblem(rows, open_loop, delayed, idm, hardest, weights, lower, upper, nothing, nothing)
 
 
 def simulate(
@@ -310,7 +356,7 @@ def simulate(
     """
     scratch, states = new_scratch(len(track.x))
     load_tile(parameters[:, None], 0, 1, scratch)
-    simulate_closed_loop(track.as_array(), 1, delayed, hardest, scratch, states)
+    simulate_closed_loop(track.as_array(), 1, False, delayed, hardest, scratch, states)
     lane = states.reshape(-1, SIMULATED, WIDTH)[: len(track.x), :, 0]
     return Simulated(lane[:, SIM_X].copy(), lane[:, SIM_V].copy(), lane[:, SIM_A].copy())
 

@@ -12,32 +12,88 @@ A follower behind a lane change adds memory, a credited jump and a need to its c
 The braking is at least what stopping behind the leader requires, once that exceeds ``need``; then it is bounded.
 The credit is the jump of spacing and speed at a change of leader, and it fades. Where kernels inline the parts,
 the family is a constant, so that a driver without these parts takes no longer than its model.
+
+A command of a researcher's own is a Python function. It is compiled to a C function, and its address stands in
+the place of the family: kernels call it without having known it when they were compiled.
 """
 
-from typing import Final
+import ctypes
+from collections.abc import Callable
+from functools import cache
+from typing import Any, Final
 
 import numpy as np
-from numba import njit
+from numba import cfunc, njit, types
 from numpy.typing import NDArray
 
+from highd_lc.core.kernels import CALL_VALUES, call_at
 from highd_lc.core.lcm import desired_spacing, idm_command, lcm_acceleration
+from highd_lc.vocab import names
+from highd_lc.vocab.errors import SettingsError
+from highd_lc.vocab.follower_names import command_parameters, own_function
 
 FloatArray = NDArray[np.float64]
 
 NO_COMMAND, LCM, IDM = range(3)
 """Families of the command, by their place in ``vocab.names.FAMILIES``. An IDM has its time gap and its gap at
-standstill where the LCM has tau and L.
+standstill where the LCM has tau and L. A larger number is the address of a command of one's own, whose parameters
+stand where the LCM has its six.
 """
 UNBOUNDED: Final = float("inf")
 """The hardest braking of followers whose braking nothing bounds."""
 _LARGEST_JUMP = 2.0
 _SMALLEST_GAP = 0.1
+_MOST = 1e3  # a command of one's own counts as no more than this, and as braking so hard where it is no number
 _RESERVE = 1.0  # who brakes in need wants to stop this far behind [m]
 
 
 def hardest_braking(b_max: float) -> float:
     """The bound of the kernels from the setting ``b_max`` [m/s^2], in which 0 stands for unbounded."""
     return b_max if b_max > 0.0 else UNBOUNDED
+
+
+def family_code(family: str) -> int:
+    """What kernels know a family by: its place in ``names.FAMILIES``, or the address of a command of one's own.
+
+    An address is good in this process alone. Raises SettingsError if there is no such command.
+    """
+    return names.FAMILIES.index(family) if family in names.FAMILIES else _address(family)
+
+
+@cache
+def _address(base: str) -> int:
+    function = own_function(base)
+    if function is None:
+        raise SettingsError(f"follower model {base!r}: no such function")
+    call = _as_c(function, len(command_parameters(function)))
+    _KEPT.append(call)
+    return int(call.address) if hasattr(call, "address") else int(ctypes.cast(call, ctypes.c_void_p).value or 0)
+
+
+_KEPT: list[Any] = []
+"""C functions live as long as somebody holds them."""
+
+
+def _as_c(function: Callable[..., float], count: int) -> Any:
+    """A command with that many parameters as a C function; where numba cannot compile it, by way of Python."""
+    inner = function if hasattr(function, "py_func") else njit(error_model="numpy")(function)
+    number = types.float64
+
+    def call(
+        v: float, v_leader: float, spacing: float, p: float, q: float, r: float, s: float, t: float, u: float,
+        length: float,
+    ) -> float:  # fmt: skip
+        a = inner(v, v_leader, spacing, (p, q, r, s, t, u)[:count] + (length,))  # noqa: RUF005 numba has no star
+        return max(min(a, _MOST), -_MOST) if a == a else -_MOST
+
+    def interpreted(*values: float) -> float:
+        a = function(*values[:3], (*values[3 : 3 + count], values[-1]))
+        return max(min(a, _MOST), -_MOST) if a == a else -_MOST
+
+    try:
+        return cfunc(number(*[number] * CALL_VALUES))(call)
+    except Exception:  # of whatever kind numba raises for what it cannot compile
+        return ctypes.CFUNCTYPE(ctypes.c_double, *[ctypes.c_double] * CALL_VALUES)(interpreted)
 
 
 @njit(inline="always", fastmath={"contract"})
@@ -113,6 +169,9 @@ def family_command(
         return lcm_acceleration(v, spacing, v_leader, v_desire, A, b, B, tau, L)
     if family == IDM:
         return idm_command(v, spacing - leader_length, v_leader, v_desire, A, b, tau, L)
+    if family > IDM:
+        a: float = call_at(family, v, v_leader, spacing, v_desire, A, b, B, tau, L, leader_length)
+        return a
     return 0.0
 
 
@@ -192,10 +251,13 @@ def jump(
     """What a change of leader takes from a follower's spacing [m] and from its leader's speed [m/s].
 
     Of the spacing a follower credits no more than it had, and than a multiple of what it desires; without an old
-    leader (old_spacing infinite) what it desires, and no speed.
+    leader (old_spacing infinite) what it desires, and no speed. What a command of one's own desires is not known:
+    it credits what it had, and nothing without an old leader.
     """
-    wanted = desired_spacing(v, v_leader, b, B, tau, L) if family == LCM else L + v * tau
     alone = old_spacing == np.inf
+    if family > IDM:
+        return (0.0, 0.0) if alone else (max(old_spacing - spacing, 0.0), v_old_leader - v_leader)
+    wanted = desired_spacing(v, v_leader, b, B, tau, L) if family == LCM else L + v * tau
     had = wanted if alone else min(old_spacing, _LARGEST_JUMP * wanted)
     return max(had - spacing, 0.0), 0.0 if alone else v_old_leader - v_leader
 

@@ -9,15 +9,19 @@ memory in between: the planner's kernel takes 1.6 times as long, a least-squares
 flag, but ``njit`` does not offer it; so it is offered here, and left out where a version of numba has none.
 
     @njit(cache=True, nogil=True, **UNALIASED)
+
+A call of a C function by its address, so that kernels that are compiled once can call what is given at run time.
 """
 
 from typing import Any
 
 import numpy as np
-from numba import njit
+from llvmlite import ir
+from numba import njit, types
 from numba.core.compiler import Flags
 from numba.core.cpu import CPUTargetOptions
 from numba.core.options import TargetOptions
+from numba.extending import intrinsic
 from numpy.typing import NDArray
 
 
@@ -66,3 +70,27 @@ def fill_uniform(stream: NDArray[np.uint64], target: NDArray[np.float64], first:
     for i in range(count):
         target[first + i] = _mix(start + np.uint64(i + 1) * _GAMMA)
     stream[0] = start + np.uint64(count) * _GAMMA
+
+
+CALL_VALUES = 10
+"""Numbers that a function called by ``call_at`` takes."""
+
+
+@intrinsic
+def _call_at(
+    typing: Any, address: Any, a: Any, b: Any, c: Any, d: Any, e: Any, f: Any, g: Any, h: Any, i: Any, j: Any
+) -> Any:
+    """The value of the C function ``double (*)(double, ..)`` at an address, for ten numbers."""
+    del typing, address, a, b, c, d, e, f, g, h, i, j  # numba reads them from the signature
+    double = ir.DoubleType()
+    kind = ir.FunctionType(double, [double] * CALL_VALUES).as_pointer()
+
+    def call(context: Any, builder: Any, signature: Any, values: Any) -> Any:
+        del context, signature
+        return builder.call(builder.inttoptr(values[0], kind), values[1:])
+
+    return types.float64(types.int64, *[types.float64] * CALL_VALUES), call
+
+
+call_at: Any = _call_at
+"""The value of the C function ``double (*)(double, ..)`` at an address, for ten numbers; in kernels alone."""

@@ -128,6 +128,9 @@ _STANDING = 0.1
 # Starts whose objective is within this share of the best are equally good, and so are all below the second
 # number: recordings rounded to 0.01 m cannot tell them apart.
 _EQUALLY_GOOD, _EXACT = 0.02, 1e-4
+IDM_LOWER: Final = np.array([1.0, 0.1, 0.1, 0.0, 0.1, 0.1])
+IDM_UPPER: Final = np.array([70.0, 6.0, 6.0, 1.0, 5.0, 8.0])
+"""Bounds of the IDM: v_desire [m/s], A, b [m/s^2], unused, T [s], s0 [m] (Kesting and Treiber 2008)."""
 # Points screened for the starts that polish a GA's best.
 _POLISH_SCREEN = 512
 
@@ -254,6 +257,27 @@ def pose(track: FollowingTrack, settings: CalibrateSettings, *, hardest: float =
         delayed=settings.delay == "explicit",
         hardest=hardest,
     )
+
+
+def pose_idm(track: FollowingTrack, leader_length: float, *, hardest: float = UNBOUNDED) -> FitProblem:
+    """The problem of fitting the IDM to a track, in the closed loop, within Kesting and Treiber's bounds."""
+    return fit_problem(track, IDM_LOWER, IDM_UPPER, idm_behind=leader_length, hardest=hardest)
+
+
+def fit_idm(
+    track: FollowingTrack,
+    leader_length: float,
+    settings: CalibrateSettings,
+    *,
+    seed: int,
+    hardest: float = UNBOUNDED,
+) -> FloatArray:
+    """The IDM of a follower's track by screening and Levenberg-Marquardt, whatever the LCM is fitted with.
+
+    Returns v_desire, A, b, an unused place, T and s0, shape (6,): the order in which kernels have the LCM's.
+    """
+    problem = pose_idm(track, leader_length, hardest=hardest)
+    return Screening(settings.screened).minimise(problem, np.random.default_rng(seed)).parameters
 
 
 def _starts(problem: FitProblem, found: Optimum, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:

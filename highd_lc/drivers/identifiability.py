@@ -17,7 +17,16 @@ from numpy.typing import NDArray
 
 from highd_lc.core.car_following import FitProblem, FollowingTrack, objectives_of
 from highd_lc.core.drive import UNBOUNDED
-from highd_lc.drivers.calibration import FollowerFit, Prior, common_driver, fit_follower, penalised, pool_of, pose
+from highd_lc.drivers.calibration import (
+    FollowerFit,
+    Prior,
+    common_driver,
+    fit_follower,
+    penalised,
+    pool_of,
+    pose,
+    pose_idm,
+)
 from highd_lc.drivers.genetic import GeneticAlgorithm
 from highd_lc.drivers.least_squares import STARTS, curvature, descend, screen
 from highd_lc.vocab.driver import PARAMETERS
@@ -342,3 +351,24 @@ def refit(
 def with_parameters(drivers: FittedDrivers, fits: list[FollowerFit]) -> FittedDrivers:
     """The drivers with the parameters of other fits."""
     return replace(drivers, parameters=np.array([fit.parameters for fit in fits]).reshape(-1, 6))
+
+
+_IDM_ELECTORS = 60
+"""Most fits of the IDM in a pool that stand for election and elect."""
+
+
+def pool_idm(
+    tracks: Sequence[FollowingTrack], leader_lengths: FloatArray, fits: FloatArray, classes: NDArray[np.object_]
+) -> dict[str, FloatArray]:
+    """The IDM of each class, and of ``EVERYBODY``, that drives the pool's tracks best, shape (5,).
+
+    leader_lengths [m] (n,); fits: v_desire, A, b, T, s0 (n, 5). Every k-th of a large pool elects.
+    """
+    found = {}
+    for name in (EVERYBODY, *sorted(set(classes))):
+        places = np.flatnonzero(classes == name) if name != EVERYBODY else np.arange(len(tracks))
+        places = places[:: -(-len(places) // _IDM_ELECTORS)]
+        problems = [pose_idm(tracks[int(i)], float(leader_lengths[i])) for i in places]
+        candidates = np.insert(fits[places], 3, 0.0, axis=1)
+        found[name] = fits[places[common_driver(problems, candidates)]]
+    return found

@@ -1,16 +1,11 @@
 """Follower models by name: how each drives the followers of recorded responses (equations.md 3.11).
 
-A name is a base and parts: ``own_fit@crossing+memory+relaxation``. ``@start``, ``@crossing`` or ``@0.3``: from
-which share of the lateral way the lane changer is the leader; ``+memory``, ``+relaxation``: with the constants of
-this module;
-``population-memory``, ``population-relaxation``: fitted without that part. A researcher's own model is a function
-``(responses) -> (family, behaviours)`` under a name of its own in ``REGISTRY``.
+``vocab.follower_names`` says what names mean. A researcher's own model is a function of the module that its name
+gives: a command, ``(v, v_leader, spacing, parameters) -> acceleration`` with an attribute ``parameters``, which
+has the parts that other models have; or ``(responses) -> (family, behaviours)``.
 """
 
-import re
-from collections.abc import Callable
 from dataclasses import dataclass
-from importlib import import_module
 from typing import Final
 
 import numpy as np
@@ -21,12 +16,20 @@ from highd_lc.drivers.population import NEED, Population
 from highd_lc.drivers.population import behaviours as population_behaviours
 from highd_lc.drivers.responses import Behaviours, Responses
 from highd_lc.vocab import names
-from highd_lc.vocab.driver import TABLE3_MEANS
+from highd_lc.vocab.driver import PARAMETERS, TABLE3_MEANS
 from highd_lc.vocab.errors import SettingsError
+from highd_lc.vocab.follower_names import (
+    BASES,
+    MOST_PARAMETERS,
+    Choice,
+    command_parameters,
+    own_function,
+    parse,
+)
 
 FloatArray = NDArray[np.float64]
 
-START, CROSSING = 0.0, 0.5
+START = 0.0
 MEMORY: Final = 2.0
 """Memory of a model ``+memory`` [s]."""
 RELAXATION: Final = 10.0
@@ -35,85 +38,48 @@ DECAY: Final = 3.0
 """Time constant of the naive models' fading acceleration [s]."""
 
 Drives = tuple[str, Behaviours]
-Model = Callable[[Responses], Drives]
-REGISTRY: dict[str, Model] = {}
-"""Models of a researcher's own, by name."""
-
-_NAME = re.compile(
-    r"(?P<base>\w+)(?:@(?P<moment>start|crossing|0?\.\d+|[01]))?(?P<parts>(?:[+-](?:memory|relaxation))*)"
-)
-_BASES = (*names.NAIVE_MODELS, names.OWN_FIT, names.MEAN, names.TABLE3, names.IDM, names.POPULATION)
-
-
-@dataclass(frozen=True)
-class Choice:
-    """A model's name taken apart. moment: None = the base's own."""
-
-    base: str
-    moment: float | None
-    added: tuple[str, ...]
-    removed: tuple[str, ...]
-
-
-def parse(name: str) -> Choice:
-    """Take a model's name apart. Raises SettingsError for a name that means nothing."""
-    if _own_model(name) is not None:
-        return Choice(name, None, (), ())
-    found = _NAME.fullmatch(name)
-    if found is None or found["base"] not in _BASES:
-        allowed = ", ".join((*_BASES, *REGISTRY, "module:function"))
-        raise SettingsError(f"follower model {name!r}: allowed are {allowed}, with @moment, +memory, +relaxation")
-    parts = re.findall(r"([+-])(\w+)", found["parts"])
-    moment = {None: None, "start": START, "crossing": CROSSING}.get(found["moment"])
-    if moment is None and found["moment"] is not None:
-        moment = float(found["moment"])
-    added, removed = (tuple(part for sign, part in parts if sign == which) for which in "+-")
-    choice = Choice(found["base"], moment, added, removed)
-    _refuse_senseless(name, choice)
-    return choice
-
-
-def _refuse_senseless(name: str, choice: Choice) -> None:
-    """Raise SettingsError for parts that a base cannot have: they would change nothing under another name."""
-    naive, population = choice.base in names.NAIVE_MODELS, choice.base == names.POPULATION
-    if naive and (choice.added or choice.removed or choice.moment is not None):
-        raise SettingsError(f"follower model {name!r}: nothing happens in {choice.base}, it has no parts")
-    if (population and choice.added) or (not population and choice.removed):
-        raise SettingsError(f"follower model {name!r}: - takes a part from population, + gives one to the others")
 
 
 @dataclass(frozen=True)
 class Fits:
-    """LCM of each response's follower, shape (R, 6), and the length of the leader of its fit [m]."""
+    """LCM of each response's follower, shape (R, 6), and the length of the leader of its fit [m].
+
+    idm: v_desire, A, b, T, s0 of each, shape (R, 5); NaN without a fit; None: of nobody.
+    """
 
     parameters: FloatArray
     leader_length: FloatArray
     fitted: NDArray[np.bool_]
+    idm: FloatArray | None = None
 
     def take(self, places: NDArray[np.bool_]) -> "Fits":
         """Some of the fits."""
-        return Fits(self.parameters[places], self.leader_length[places], self.fitted[places])
+        idm = None if self.idm is None else self.idm[places]
+        return Fits(self.parameters[places], self.leader_length[places], self.fitted[places], idm)
 
 
 def drives(
     name: str, responses: Responses, fits: Fits, population: Population, *, moment: float = START
 ) -> Drives:
-    """Family and behaviours of the followers under a model.
+    """Family, or name of a command of one's own, and behaviours of the followers under a model.
 
     population: for the base ``population`` alone. moment: of models that bring none of their own
     (``planner.leader_from``).
     """
-    if (own := _own_model(name)) is not None:
-        return own(responses)
     choice = parse(name)
+    if choice.base not in BASES and not choice.is_command:
+        return _own_drives(choice, responses)
     if choice.base in names.NAIVE_MODELS:
         return names.NO_COMMAND, _naive(choice.base, responses)
     if choice.base == names.POPULATION:
         since = population.moment if choice.moment is None else choice.moment
         return names.LCM, population_behaviours(population.constants, responses, since)
-    family, behaviours = (names.IDM, _idm(responses)) if choice.base == names.IDM else (names.LCM, None)
-    if behaviours is None:
-        behaviours = _lcm(*_parameters(choice.base, fits), responses)
+    if choice.is_command:
+        family, behaviours = _own_drives(choice, responses)
+    elif choice.base == names.IDM:
+        family, behaviours = names.IDM, _idm(fits.idm, responses)
+    else:
+        family, behaviours = names.LCM, _lcm(*_parameters(choice.base, fits), responses)
     ones, remembers = np.ones(len(responses)), "memory" in choice.added
     return family, behaviours._replace(
         moment=(moment if choice.moment is None else choice.moment) * ones,
@@ -124,15 +90,21 @@ def drives(
     )
 
 
-def _own_model(name: str) -> Model | None:
-    """A researcher's own model: registered, or given as ``module:function``; None if the name is none of these."""
-    if name not in REGISTRY and ":" in name:
-        module, _, function = name.partition(":")
-        try:
-            REGISTRY[name] = getattr(import_module(module), function)
-        except (ImportError, AttributeError) as error:
-            raise SettingsError(f"follower model {name!r}: {error}") from error
-    return REGISTRY.get(name)
+def _own_drives(choice: Choice, responses: Responses) -> Drives:
+    """Drivers by a function of somebody's own: all that it returns, or bare ones by its command."""
+    function = own_function(choice.base)
+    assert function is not None, "parsed"
+    if not choice.is_command:
+        found: Drives = function(responses)
+        if found[0] not in names.FAMILIES:
+            raise SettingsError(f"follower model {choice.base!r}: its family {found[0]!r} is none of the models'")
+        return found
+    given = [value(responses) if callable(value) else value for value in command_parameters(function).values()]
+    rows = np.zeros((MOST_PARAMETERS, len(responses)))
+    for row, value in zip(rows, given, strict=False):
+        row[:] = value
+    slots = dict(zip(PARAMETERS, rows, strict=True))
+    return choice.base, _bare(responses)._replace(**slots, L_before=rows[-1].copy())
 
 
 def _parameters(base: str, fits: Fits) -> tuple[FloatArray, FloatArray]:
@@ -158,13 +130,14 @@ def _lcm(parameters: FloatArray, own: FloatArray, responses: Responses) -> Behav
     return _bare(responses)._replace(v_desire=v_desire, A=A, b=b, B=B, tau=tau, L=ahead, L_before=before)
 
 
-def _idm(responses: Responses) -> Behaviours:
-    """IDM drivers on a motorway: tau is the time gap, L the gap at standstill."""
-    ones, d = np.ones(len(responses)), MOTORWAY
-    bare = _bare(responses)
-    return bare._replace(
-        v_desire=d.v_desire * ones, A=d.A * ones, b=d.b * ones, tau=d.T * ones, L=d.s0 * ones, L_before=d.s0 * ones
-    )
+def _idm(fitted: FloatArray | None, responses: Responses) -> Behaviours:
+    """IDM drivers by their fits, on a motorway without one: tau is the time gap, L the gap at standstill."""
+    d = MOTORWAY
+    rows = np.tile([d.v_desire, d.A, d.b, d.T, d.s0], (len(responses), 1))
+    if fitted is not None:
+        rows = np.where(np.isnan(fitted), rows, fitted)
+    v_desire, A, b, T, s0 = (np.ascontiguousarray(column) for column in rows.T)
+    return _bare(responses)._replace(v_desire=v_desire, A=A, b=b, tau=T, L=s0, L_before=s0)
 
 
 def _naive(base: str, responses: Responses) -> Behaviours:

@@ -7,14 +7,15 @@ moment from which the lane changer counts as leader is chosen among ``MOMENTS``.
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from highd_lc.drivers.responses import Behaviours, Responses, Simulated, simulate
+from highd_lc.drivers.responses import HARDEST, Behaviours, Responses, Simulated, simulate
 from highd_lc.vocab import names
+from highd_lc.vocab.driver import PARAMETERS
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -51,19 +52,26 @@ CONSTANTS: Final = (
     Constant("own_time_gap", -0.5, 1.5, 0.0, 0.3, "", "share of the own time gap's deviation that goes into tau"),
     Constant("L_0", 2.0, 8.0, 4.0, 1.0, "m", "spacing at standstill beyond the leader's length"),
     Constant("truck", 0.5, 2.0, 1.0, 0.2, "", "factor of tau for trucks"),
+    Constant("truck_A", 0.3, 2.0, 1.0, 0.2, "", "factor of A for trucks"),
     Constant("memory", 0.0, 15.0, 6.5, 2.0, "s", "time constant with which the acceleration at t_start fades"),
     Constant(
         "persistence", 0.0, 1.2, 1.0, 0.3, "", "share of the acceleration at t_start that is the driver's intent"
     ),
+    Constant("lasting", 0.0, 1.0, 0.5, 0.3, "", "share of that acceleration that is read over 2 s"),
+    Constant("own_offset", 0.0, 1.0, 0.0, 0.2, "", "share of his acceleration beyond his command that stays"),
+    Constant("idle", 0.0, 1.0, 0.0, 0.3, "", "weight of nothing happens behind who is 2 m/s faster"),
     Constant("relaxation", 0.0, 30.0, 0.0, 5.0, "s", "time in which the jump at a change of leader fades"),
 )
+OPTIONAL: Final = ("truck_A", "own_offset", "idle")
+"""Constants that count where they predict drivers better that they were not fitted to."""
 """The prior's centres are the constants found on seven real recordings (equations.md 3.12)."""
 
 NAMES: Final = tuple(c.name for c in CONSTANTS)
 _LOW, _HIGH = np.array([c.low for c in CONSTANTS]), np.array([c.high for c in CONSTANTS])
+_NEUTRAL = np.array([1.0 if name.startswith("truck") else 0.0 for name in NAMES])
 _CENTRE, _SD = np.array([c.centre for c in CONSTANTS]), np.array([c.sd for c in CONSTANTS])
 SPREAD: Final = _SD[[NAMES.index(name) for name in ("v_desire", "A", "b", "B", "tau", "L_0")]]
-"""How much drivers are taken to differ: the prior's standard deviations, in the LCM's order of parameters."""
+"""How much drivers are taken to differ a priori: standard deviations, in the LCM's order of parameters."""
 NEED: Final = 1.5
 """Required deceleration from which a driver brakes at once, whatever he remembers [m/s^2]."""
 _PRIOR_WEIGHT = 0.25  # the prior counts as a quarter of a response that is off by its standard deviation
@@ -72,17 +80,27 @@ _RELAXED = 8.0  # where a second descent starts [s]
 _SMALLEST_GAIN = 1e-5
 _LEAST_ERROR = 1e-2  # errors below this weigh as this [m/s]
 _CHAIN_WEIGHT = 0.25  # of followers behind HV_1, who keep their leader
+_APART = 20  # samples between errors that count as independent
+_SPREAD_PRIOR = 5.0  # drivers that the prior's spread counts as
+_SPREAD_ITERATIONS = 100
+_SPREAD_STEP = 0.05  # of a difference, in standard deviations
+_OPENING = 2.0  # by so much faster a lane changer opens the gap by itself [m/s]
+_LEAST_GAIN = 0.02  # share of the held-out error by which an optional constant has to lower it
+_MOST_OFFSET = 1.0  # no driver's own offset is read from more than this [m/s^2]
 _POWER = 1.5  # of an error: between the mean error, which asks for skill, and its square, which asks for no bias
 
 
 @dataclass(frozen=True)
 class Population:
-    """Fitted constants (order of ``NAMES``), moment of the change of leader, responses used, and their source."""
+    """Fitted constants (order of ``NAMES``), moment of the change of leader, responses used, their source; and how
+    much drivers differ: a standard deviation of each parameter of the LCM, shape (6,).
+    """
 
     constants: FloatArray
     moment: float
     n_responses: int
     source: str
+    spread: FloatArray = field(default_factory=SPREAD.copy)
 
     def __getitem__(self, name: str) -> float:
         return float(self.constants[NAMES.index(name)])
@@ -97,9 +115,12 @@ def behaviours(constants: FloatArray, responses: Responses, moment: float) -> Be
     v_0, ones = responses.v[0], np.ones(len(responses))
     gap = np.clip(np.nan_to_num(responses.time_gap - TIME_GAP), -1.0, 1.5)
     tau = np.maximum(c["tau"] + c["own_time_gap"] * gap, 0.1) * np.where(responses.truck, c["truck"], 1.0)
-    return Behaviours(
+    lasting = (1.0 - c["lasting"]) * responses.a_0 + c["lasting"] * responses.a_lasting - responses.drift
+    # A weight of nothing happens in the command is a factor of A: the LCM's command is proportional to it.
+    opening = np.clip((responses.v_ahead[0] - v_0) / _OPENING, 0.0, 1.0) * (responses.rank == 1)
+    found = Behaviours(
         v_desire=(1.0 - c["own_speed"]) * c["v_desire"] + c["own_speed"] * (v_0 + c["above"]),
-        A=c["A"] * ones,
+        A=c["A"] * np.where(responses.truck, c["truck_A"], 1.0) * (1.0 - c["idle"] * opening),
         b=c["b"] * ones,
         B=c["B"] * ones,
         tau=tau,
@@ -108,14 +129,26 @@ def behaviours(constants: FloatArray, responses: Responses, moment: float) -> Be
         memory=c["memory"] * ones,
         relaxation=c["relaxation"] * ones,
         need=NEED * ones,
-        a_0=responses.drift + c["persistence"] * (responses.a_0 - responses.drift),
+        a_0=responses.drift + c["persistence"] * lasting,
         drift=responses.drift,
         moment=moment * ones,
     )
+    if not c["own_offset"]:
+        return found
+    beyond = np.clip(lasting - _commands_at_start(found, responses), -_MOST_OFFSET, _MOST_OFFSET)
+    return found._replace(drift=responses.drift + c["own_offset"] * beyond)
+
+
+def _commands_at_start(b: Behaviours, responses: Responses) -> FloatArray:
+    """What every driver's model commands at t_start behind the leader before the change [m/s^2], shape (R,)."""
+    v, v_leader = responses.v[0], responses.before_v[0]
+    wanted = v**2 / (2.0 * b.b) - v_leader**2 / (2.0 * b.B) + v * b.tau + b.L_before
+    spacing = (responses.before_x[0] - responses.x[0]) / np.maximum(wanted, b.L_before)
+    return np.asarray(b.A * (1.0 - v / b.v_desire - np.exp(np.clip(1.0 - spacing, -700.0, 40.0))))
 
 
 def respond(population: Population, responses: Responses) -> Simulated:
-    """The followers as the population has them."""
+    """The followers as the population has them, braking by ``HARDEST`` at most."""
     return simulate(names.LCM, behaviours(population.constants, responses, population.moment), responses)
 
 
@@ -126,11 +159,12 @@ class _Descent:
     responses: Responses
     moment: float
     pinned: NDArray[np.bool_]
+    hardest: float
 
     def residuals(self, constants: FloatArray) -> FloatArray:
         """Errors of speed over the square root of their number, 0 where nothing was recorded, shape (K, R)."""
         r = self.responses
-        found = simulate(names.LCM, behaviours(constants, r, self.moment), r)
+        found = simulate(names.LCM, behaviours(constants, r, self.moment), r, hardest=self.hardest)
         error: FloatArray = np.where(r.seen, found.v - r.v, 0.0) / np.sqrt(r.n)
         return error
 
@@ -167,26 +201,89 @@ class _Descent:
         return np.asarray((self.residuals(moved) - residuals) / step)
 
 
-def fit(responses: Responses, *, source: str, without: tuple[str, ...] = ()) -> Population:
+def fit(
+    responses: Responses, *, source: str, without: tuple[str, ...] = (), hardest: float = HARDEST
+) -> Population:
     """The population of these responses; the prior where there are none.
 
-    without: constants held at 0, such as ``memory`` or ``relaxation``.
+    without: constants held at 0, such as ``memory`` or ``relaxation``. hardest: bound of braking [m/s^2].
     """
     if not len(responses):
         return PRIOR
-    pinned = np.array([name in without for name in NAMES])
+    pinned = np.array([name in (*without, *OPTIONAL) for name in NAMES])
     fits = [
-        (moment, *_descend(_Descent(responses, moment, pinned), start))
+        (moment, *_descend(_Descent(responses, moment, pinned, hardest), start))
         for moment in MOMENTS
         for start in _starts(pinned)
     ]
     moment, constants, _ = min(fits, key=lambda found: found[2])
-    return Population(constants, moment, len(responses), source)
+    problem = _Descent(responses, moment, pinned, hardest)
+    freed = pinned & ~_chosen_options(problem, constants, [name for name in OPTIONAL if name not in without])
+    if (freed != pinned).any():
+        constants, _ = _descend(replace(problem, pinned=freed), constants)
+    return Population(constants, moment, len(responses), source, _spread(problem, constants))
+
+
+def _spread(problem: _Descent, constants: FloatArray) -> FloatArray:
+    """How much drivers differ in each parameter of the LCM, by what the population leaves unexplained, (6,).
+
+    A linear mixed model of the errors of speed, z the drivers' deviations in the prior's standard deviations:
+    error = J z + noise, z ~ N(0, D), by expectation maximisation; the prior, D = 1, counts as a few drivers.
+    """
+    r, apart = problem.responses, slice(_APART, None, _APART)
+    b = behaviours(constants, r, problem.moment)
+    bare = simulate(names.LCM, b, r, hardest=problem.hardest).v[apart]
+    error = np.where(r.seen[apart], r.v[apart] - bare, 0.0)
+    slopes = np.empty((len(PARAMETERS), *error.shape))
+    for j, name in enumerate(PARAMETERS):
+        step = _SPREAD_STEP * SPREAD[j]
+        moved = b._replace(**{name: getattr(b, name) + step})
+        found = simulate(names.LCM, moved, r, hardest=problem.hardest).v[apart]
+        slopes[j] = np.where(r.seen[apart], (found - bare) / _SPREAD_STEP, 0.0)
+    H, g = np.einsum("ikr,jkr->rij", slopes, slopes), np.einsum("ikr,kr->ri", slopes, error)
+    samples = max(int(r.seen[apart].sum()), 1)
+    D, noise = np.ones(len(PARAMETERS)), float((error**2).sum()) / samples + _LEAST_ERROR**2
+    for _ in range(_SPREAD_ITERATIONS):
+        V = np.linalg.inv(np.diag(1.0 / D) + H / noise)
+        z = np.einsum("rij,rj->ri", V, g) / noise
+        left = error - np.einsum("ikr,ri->kr", slopes, z)
+        noise = (float((left**2).sum()) + float(np.einsum("rij,rji->", H, V))) / samples + _LEAST_ERROR**2
+        seen = (z**2 + np.diagonal(V, axis1=1, axis2=2)).sum(axis=0)
+        D = (_SPREAD_PRIOR + seen) / (_SPREAD_PRIOR + len(r))
+    return np.asarray(SPREAD * np.sqrt(D))
+
+
+def _chosen_options(problem: _Descent, constants: FloatArray, options: list[str]) -> NDArray[np.bool_]:
+    """Which optional constants lower the error of the half of the responses that they are not fitted to.
+
+    Halves are recordings, or events where there is one recording alone. constants: where every fit starts.
+    """
+    chosen, bare = np.zeros(len(NAMES), bool), _held_out(problem, constants)
+    for name in options:
+        wanted = np.array(NAMES) == name
+        error = _held_out(replace(problem, pinned=problem.pinned & ~wanted), constants)
+        chosen |= wanted & (error < (1.0 - _LEAST_GAIN) * bare)
+    return chosen
+
+
+def _held_out(problem: _Descent, constants: FloatArray) -> float:
+    """Mean power of the error of responses, each half by the constants of the other; infinite without two."""
+    r = problem.responses
+    _, place = np.unique(r.recording if len(np.unique(r.recording)) > 1 else r.event, return_inverse=True)
+    halves = [place % 2 == half for half in (0, 1)]
+    if not all(half.any() for half in halves):
+        return np.inf
+    total = 0.0
+    for held in halves:
+        fitted, _ = _descend(replace(problem, responses=r.take(~held)), constants)
+        part = replace(problem, responses=r.take(held), pinned=np.ones(len(NAMES), bool))
+        total += held.mean() * part.objective(fitted, part.residuals(fitted))
+    return total
 
 
 def _starts(pinned: NDArray[np.bool_]) -> Iterator[FloatArray]:
     """The prior's centre; and with relaxation, whose derivative vanishes at the prior's 0."""
-    start = np.where(pinned, 0.0, _CENTRE)
+    start = np.where(pinned, _NEUTRAL, _CENTRE)
     yield start
     place = NAMES.index("relaxation")
     if not pinned[place]:

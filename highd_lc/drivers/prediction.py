@@ -25,8 +25,10 @@ from numpy.typing import NDArray
 
 from highd_lc.drivers import models, population
 from highd_lc.drivers.population import Population
-from highd_lc.drivers.responses import TIME_STEP, Behaviours, Responses, Simulated
+from highd_lc.drivers.responses import HARDEST, TIME_STEP, Behaviours, Responses, Simulated
 from highd_lc.vocab import names
+from highd_lc.vocab.driver import PARAMETERS
+from highd_lc.vocab.follower_names import parse
 
 FloatArray = NDArray[np.float64]
 BoolArray = NDArray[np.bool_]
@@ -295,13 +297,15 @@ def _blocks(responses: Responses) -> Iterator[Fold]:
 class CrossFit:
     """Populations by fold and by the parts left out; fitted when first asked for.
 
-    given: one for all folds, from a file. moment: of models that bring none (``planner.leader_from``).
+    given: one for all folds, from a file. moment: of models that bring none (``planner.leader_from``). hardest:
+    bound of everybody's braking [m/s^2].
     """
 
     responses: Responses
     given: Population | None = None
     moment: float = models.START
     workers: int = 2
+    hardest: float = HARDEST
     _folds: list[Fold] = field(init=False)
     _fitted: dict[tuple[str, ...], list[Population]] = field(init=False, default_factory=dict)
 
@@ -312,18 +316,18 @@ class CrossFit:
         """Each fold with its constants."""
         if without not in self._fitted:
             with ThreadPoolExecutor(self.workers) as pool:
-                calls = [pool.submit(_fit, self.responses, fold, without) for fold in self._folds]
+                calls = [pool.submit(self._fit, fold, without) for fold in self._folds]
                 self._fitted[without] = [call.result() for call in calls]
         return list(zip(self._folds, self._fitted[without], strict=True))
 
     def drives(self, name: str, responses: Responses, fits: models.Fits) -> models.Drives:
         """Family and behaviours of the followers under a model (see ``models.drives``)."""
-        if name in models.REGISTRY or models.parse(name).base != names.POPULATION:
+        if parse(name).base != names.POPULATION:
             return models.drives(name, responses, fits, population.PRIOR, moment=self.moment)
         if self.given is not None:
             return models.drives(name, responses, fits, self.given)
         found: list[tuple[BoolArray, Behaviours]] = []
-        for fold, fitted in self.populations(models.parse(name).removed):
+        for fold, fitted in self.populations(parse(name).removed):
             found.append(
                 (fold.held, models.drives(name, responses.take(fold.held), fits.take(fold.held), fitted)[1])
             )
@@ -334,7 +338,21 @@ class CrossFit:
         if self.given is not None:
             return self.given
         everything = Fold("all recordings", self.responses.n > 0, self.responses.n > 0)
-        return _fit(self.responses, everything, ())
+        return self._fit(everything, ())
+
+    def _fit(self, fold: Fold, without: tuple[str, ...]) -> Population:
+        taught = thinned(self.responses.take(fold.taught & (self.responses.n >= _LEAST_SAMPLES)))
+        return population.fit(taught, source=fold.word, without=without, hardest=self.hardest)
+
+    def spreads(self, name: str, responses: Responses) -> FloatArray:
+        """How much drivers differ about each response's parameters under a model, (R, 6); 0 where unknown."""
+        out, choice = np.zeros((len(responses), len(PARAMETERS))), parse(name)
+        if choice.base == names.POPULATION and self.given is not None:
+            out[:] = self.given.spread
+        elif choice.base == names.POPULATION:
+            for fold, fitted in self.populations(choice.removed):
+                out[fold.held] = fitted.spread
+        return out
 
     def fold_words(self, responses: Responses) -> NDArray[np.object_]:
         """What the constants of each response's population come from."""
@@ -343,11 +361,6 @@ class CrossFit:
         for fold, fitted in self.populations() if self._folds else ():
             words[fold.held] = fold.word if fitted.n_responses else fitted.source
         return words
-
-
-def _fit(responses: Responses, fold: Fold, without: tuple[str, ...]) -> Population:
-    enough = responses.n >= _LEAST_SAMPLES
-    return population.fit(thinned(responses.take(fold.taught & enough)), source=fold.word, without=without)
 
 
 def thinned(responses: Responses) -> Responses:

@@ -5,8 +5,9 @@ Every model is one equation with constants of its own for each follower (equatio
     a = m a_0 + (1 - m) (command(v, s, v_leader) + drift),   m = exp(-t / memory)
 
 and no weaker than the situation demands, once the deceleration required to avoid a contact passes ``need``.
-command is 0 (``none``: nothing happens), the LCM's or the IDM's. memory 0, relaxation 0, drift 0 and an infinite
-``need`` leave the bare model. t counts from t_start, K samples of 0.1 s; R responses lie side by side.
+command is 0 (``none``: nothing happens), the LCM's, the IDM's, or a function of somebody's own. memory 0,
+relaxation 0, drift 0 and an infinite ``need`` leave the bare model. t counts from t_start, K samples of 0.1 s; R
+responses lie side by side.
 """
 
 from dataclasses import dataclass, fields
@@ -17,9 +18,8 @@ from numba import njit
 from numpy.typing import NDArray
 
 from highd_lc.core.car_following import Simulated as Simulated
-from highd_lc.core.drive import advance, follower_command, jump
+from highd_lc.core.drive import advance, family_code, follower_command, jump
 from highd_lc.core.kernels import UNALIASED
-from highd_lc.vocab import names
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -30,6 +30,8 @@ TIME_STEP: Final = 0.1
 HORIZON: Final = 8.0
 """Longest time after t_start that is judged [s]."""
 SAMPLES: Final = round(HORIZON / TIME_STEP) + 1
+HARDEST: Final = 9.0
+"""Braking on a dry road, which no follower exceeds if nothing else is said [m/s^2]."""
 NO_LEADER: Final = 1e9
 """Front of a leader that does not exist [m]."""
 
@@ -64,9 +66,10 @@ class Responses:
     tracks are in view and the follower keeps its lane. before_x, before_v: front and speed of the leader until the
     change (x = ``NO_LEADER``: none), x_ahead, v_ahead: of who it gets as leader, shape (K, R); lengths (R,) [m].
     progress: share of the lane changer's lateral way, ascending, (K, R); 1 for who keeps its leader.
-    a_0: recorded acceleration before t_start, drift: of the carriageway, without the event's vehicles [m/s^2];
-    time_gap: to the leader before t_start [s], NaN unless it was followed. truck, rank (R,). event, recording,
-    location, time: which event (an index), recording, site, and time of t_start in the recording [s].
+    a_0, a_lasting: recorded acceleration over the last 0.5 s and the last 2 s before t_start, drift: of the
+    carriageway, without the event's vehicles [m/s^2]; time_gap: to the leader before t_start [s], NaN unless it
+    was followed. truck, rank (R,). event, recording, location, time: which event (an index), recording, site, and
+    time of t_start in the recording [s].
     """
 
     x: FloatArray
@@ -80,6 +83,7 @@ class Responses:
     ahead_length: FloatArray
     progress: FloatArray
     a_0: FloatArray
+    a_lasting: FloatArray
     drift: FloatArray
     time_gap: FloatArray
     truck: BoolArray
@@ -107,10 +111,11 @@ class Responses:
         return np.asarray((self.progress < moment - 1e-9).sum(axis=0))
 
 
-def simulate(family: str, behaviours: Behaviours, responses: Responses, *, hardest: float = 9.0) -> Simulated:
+def simulate(family: str, behaviours: Behaviours, responses: Responses, *, hardest: float = HARDEST) -> Simulated:
     """Drive the followers behind what was recorded ahead of them, from their recorded states at t_start.
 
-    family: of ``names.FAMILIES``; hardest: bound of their braking [m/s^2, positive].
+    family: of ``names.FAMILIES``, or the name of a command of one's own; hardest: bound of their braking
+    [m/s^2, positive].
     """
     r, joins = responses, responses.joins(behaviours.moment)
     joined = np.arange(len(r.x))[:, None] >= joins
@@ -118,7 +123,7 @@ def simulate(family: str, behaviours: Behaviours, responses: Responses, *, harde
     leader_length = np.where(joined, r.ahead_length, r.before_length)
     out = Simulated(*(np.empty_like(r.x) for _ in range(3)))
     ahead = _Ahead(leader_x, leader_v, leader_length, r.before_x, r.before_v)
-    _simulate(names.FAMILIES.index(family), behaviours, joins, ahead, r.x[0], r.v[0], hardest, out)
+    _simulate(family_code(family), behaviours, joins, ahead, r.x[0], r.v[0], hardest, out)
     return out
 
 

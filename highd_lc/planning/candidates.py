@@ -47,7 +47,7 @@ from highd_lc.planning.contacts import (
     meet_leaders,
     meet_origin_follower,
 )
-from highd_lc.planning.scene import MOMENT, PackedScene, Scene
+from highd_lc.planning.scene import FAMILY, MOMENT, PackedScene, Scene
 from highd_lc.vocab.settings import LossSettings
 
 FloatArray = NDArray[np.float64]
@@ -330,6 +330,23 @@ _drive_bare_lcm, _drive_lcm = _driving(LCM, False), _driving(LCM, True)
 _drive_idm, _drive_uncommanded = _driving(IDM, True), _driving(NO_COMMAND, True)
 
 
+@njit(cache=True, nogil=True, error_model="numpy", **UNALIASED)
+def _drive_by_function(
+    i: int,
+    n: int,
+    insertion: int,
+    state: FloatArray,
+    scene: PackedScene,
+    terms: LossTerms,
+    ahead: FloatArray,
+    speed: FloatArray,
+    own: FloatArray,
+) -> None:
+    """As ``_driving``, by a command whose address is the family."""
+    family = int(scene.reactions[i, FAMILY])
+    _drive_all_the_way(family, True, i, n, insertion, state, scene, terms, ahead, speed, own)
+
+
 @njit(cache=True, nogil=True)
 def _drive_follower(
     i: int,
@@ -351,6 +368,8 @@ def _drive_follower(
         _drive_lcm(i, n, insertion, state, scene, terms, ahead, speed, own)
     elif family == IDM:
         _drive_idm(i, n, insertion, state, scene, terms, ahead, speed, own)
+    elif family > IDM:
+        _drive_by_function(i, n, insertion, state, scene, terms, ahead, speed, own)
     else:
         _drive_uncommanded(i, n, insertion, state, scene, terms, ahead, speed, own)
 

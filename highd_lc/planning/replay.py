@@ -143,12 +143,16 @@ def replay(av: AvMotion, scene: PackedScene) -> Replay:
     completed in place.
     """
     drive_on(av.x, av.y, av.vx, av.ax, av.jerk, av.free_from, scene)
-    samples = len(av.x)
-    p = len(scene.follower_x)
-    x, v, a = (np.empty((p, samples)) for _ in range(3))
-    follow(av.x + scene.length / 2.0, av.vx, joins(av, scene), scene, x, v, a)
+    x, v, a = following(av, scene)
     to_T, after_T = clearances(av.x, av.y, av.vx, av.vy, av.n, av.crossing, scene, x)
     return Replay(av, x, v, a, to_T, after_T)
+
+
+def following(av: AvMotion, scene: PackedScene) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """The followers' x (box centre) [m], v [m/s], a [m/s^2] behind a whole motion of the AV, each (p, N + 1)."""
+    x, v, a = (np.empty((len(scene.follower_x), len(av.x))) for _ in range(3))
+    follow(av.x + scene.length / 2.0, av.vx, joins(av, scene), scene, x, v, a)
+    return x, v, a
 
 
 @njit(cache=True, nogil=True)

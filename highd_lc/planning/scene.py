@@ -12,7 +12,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from highd_lc.core.drive import LCM, hardest_braking
+from highd_lc.core.drive import LCM, family_code, hardest_braking
 from highd_lc.core.ellipse import semi_axes
 from highd_lc.core.losses import follower_weights
 from highd_lc.vocab import names
@@ -81,9 +81,9 @@ class Followers:
     standard deviation of each parameter, 0 where unknown, shape (p, 6); None: of none.
 
     The rest says how they react (equations.md 3.10); left out, it leaves the bare model. family: of
-    ``names.FAMILIES``, whose parameters these are. memory, relaxation [s], need, a_0, drift [m/s^2], moment (share
-    of the AV's lateral way from which it is the leader of who gets it): each of shape (p,); None or NaN: 0, an
-    infinite need, the moment of the setting ``leader_from``.
+    ``names.FAMILIES``, or the name of a command of one's own, whose parameters these are. memory, relaxation [s],
+    need, a_0, drift [m/s^2], moment (share of the AV's lateral way from which it is the leader of who gets it):
+    each of shape (p,); None or NaN: 0, an infinite need, the moment of the setting ``leader_from``.
     """
 
     x: FloatArray
@@ -145,7 +145,7 @@ class Scene:
 
 
 FAMILY, MEMORY, RELAXATION, NEED, A_0, DRIFT, MOMENT = range(7)
-"""Columns of ``PackedScene.reactions``: code of the family, then as in ``Followers``."""
+"""Columns of ``PackedScene.reactions``: ``core.drive.family_code``, then as in ``Followers``."""
 BARE_LCM: Final = (float(LCM), 0.0, 0.0, np.inf, 0.0, 0.0)
 """Reactions of who is an LCM driver and nothing more, without the moment."""
 MOMENT_OF: Final = {"start": 0.0, "crossing": 0.5}
@@ -256,7 +256,7 @@ def _reactions(followers: Followers, moment: float) -> FloatArray:
         followers.moment,
     )
     out = np.tile([*BARE_LCM, moment], (len(followers.x), 1))
-    out[:, FAMILY] = names.FAMILIES.index(followers.family)
+    out[:, FAMILY] = family_code(followers.family)
     for column, values in enumerate(given, start=MEMORY):
         if values is not None:
             out[:, column] = np.where(np.isnan(values), out[:, column], values)

@@ -254,22 +254,16 @@ def _drive(
                 _step(k, LCM, True, own, length, share, reaction, charge, dt, scene.hardest, state, front, speed)
             elif family == IDM:
                 _step(k, IDM, True, own, length, share, reaction, charge, dt, scene.hardest, state, front, speed)
+            elif family == NO_COMMAND:
+                _step(
+                    k, NO_COMMAND, True, own, length, share, reaction, charge, dt, scene.hardest,
+                    state, front, speed,
+                )  # fmt: skip
             else:
                 _step(
-                    k,
-                    NO_COMMAND,
-                    True,
-                    own,
-                    length,
-                    share,
-                    reaction,
-                    charge,
-                    dt,
-                    scene.hardest,
-                    state,
-                    front,
-                    speed,
-                )
+                    k, int(family), True, own, length, share, reaction, charge, dt, scene.hardest,
+                    state, front, speed,
+                )  # fmt: skip
             if k == n:
                 for w in range(K):
                     to_T[w] += terms.weights[i] * state[LOSS * K + w]

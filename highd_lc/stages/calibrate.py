@@ -12,7 +12,14 @@ import pandas as pd
 
 from highd_lc.core.drive import hardest_braking
 from highd_lc.core.lcm import moved_behind
-from highd_lc.drivers.calibration import FollowerFit, fit_follower, follower_seed, method_name, unfitted
+from highd_lc.drivers.calibration import (
+    FollowerFit,
+    fit_follower,
+    fit_idm,
+    follower_seed,
+    method_name,
+    unfitted,
+)
 from highd_lc.drivers.identifiability import (
     EVERYBODY,
     FittedDrivers,
@@ -42,6 +49,7 @@ from highd_lc.stages.responses import Traffic, lane_kilometres, response_rows
 from highd_lc.stages.scenes import RecordedFollower, read_scene_tables, recorded_followers, track_of, track_row
 from highd_lc.vocab import names
 from highd_lc.vocab.driver import PARAMETERS, TABLE3_MEANS
+from highd_lc.vocab.follower_names import parse
 from highd_lc.vocab.job import Combination, Job, JobReport, Problem
 from highd_lc.vocab.settings import Settings
 from highd_lc.vocab.tables import TABLES
@@ -60,15 +68,18 @@ def run(job: Job) -> JobReport:
 
     Who cannot be fitted carries the published means here; ``combine`` gives him a pool's driver.
     """
-    fits, tracks = [], []
+    fits, tracks, idm = [], [], {}
     for follower in recorded_followers(job.work, job.recording):
         fit, row = fit_row(follower, job.settings)
+        idm[follower.event_id, follower.rank] = _idm(follower, fit, row["seed"], job.settings)
         fits.append(row)
         if not fit.reason and follower.track is not None:
             about = {name: row[name] for name in ("event_id", "recording_id", "follower")}
             tracks.append(about | track_row(follower.track))
     followers = _frame("followers", fits)
     responses, failed = _responses(job, followers)
+    keys = zip(responses["event_id"], responses["follower"], strict=True)
+    responses["idm"] = pd.Series([idm[key] for key in keys], responses.index, dtype=object)
     events = artefacts.read(job.work, "events", recording=job.recording)
     found = control_rows(job.work, job.recording, responses, events, scales(job.settings))
     for name, frame in (
@@ -90,6 +101,16 @@ def fit_row(follower: RecordedFollower, settings: Settings) -> tuple[FollowerFit
         fit = fit_follower(follower.track, settings.calibrate, seed=seed, hardest=hardest)
     about = {"event_id": follower.event_id, "recording_id": follower.recording_id, "follower": follower.rank}
     return fit, about | _follower_row(follower, fit, settings) | {"seed": seed}
+
+
+def _idm(follower: RecordedFollower, fit: FollowerFit, seed: int, settings: Settings) -> list[float]:
+    """The IDM of a follower who has a fit, where a model asks for it."""
+    models = (*settings.calibrate.models, *settings.validation.follower_models)
+    if fit.reason or follower.track is None or names.IDM not in {parse(name).base for name in models}:
+        return []
+    hardest = hardest_braking(settings.validation.followers.b_max)
+    found = fit_idm(follower.track, follower.leader_length, settings.calibrate, seed=seed, hardest=hardest)
+    return np.delete(found, 3).tolist()
 
 
 def _responses(job: Job, followers: pd.DataFrame) -> tuple[pd.DataFrame, tuple[Problem, ...]]:

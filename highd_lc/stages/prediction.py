@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -28,9 +29,10 @@ from highd_lc.stages.prediction_tables import (
     prediction_aims,
     prediction_summary,
 )
-from highd_lc.stages.responses import load_population, responses_of, save_population
+from highd_lc.stages.responses import idm_fits, load_population, responses_of, save_population
 from highd_lc.vocab import names
 from highd_lc.vocab.driver import PARAMETERS
+from highd_lc.vocab.follower_names import command_parameters, own_function, parse
 from highd_lc.vocab.job import Combination
 from highd_lc.vocab.settings import Settings
 from highd_lc.vocab.tables import TABLES
@@ -53,6 +55,7 @@ class Judgement:
     ahead: dict[str, FloatArray]
     behaviours: dict[str, tuple[str, Behaviours]]
     folds: NDArray[np.object_]
+    spreads: dict[str, FloatArray]
 
 
 def scales(settings: Settings) -> Scales:
@@ -69,11 +72,12 @@ def predict(combination: Combination, followers: pd.DataFrame) -> None:
     responses = responses_of(rows)
     given = settings.validation.followers.population
     moment = MOMENT_OF[settings.validation.planner.leader_from]
-    crossfit = CrossFit(responses, given=load_population(Path(given)) if given else None, moment=moment)
+    hardest = hardest_braking(settings.validation.followers.b_max)
+    known = load_population(Path(given)) if given else None
+    crossfit = CrossFit(responses, given=known, moment=moment, hardest=hardest)
     judgement = judge_all(
-        rows, responses, _fits(rows, followers), crossfit, _chosen(settings),
-        hardest=hardest_braking(settings.validation.followers.b_max),
-    )  # fmt: skip
+        rows, responses, _fits(rows, followers, work), crossfit, _chosen(settings), hardest=hardest
+    )
     errors, how = prediction(judgement, scales(settings)), settings.validation
     confidence = how.statistics.confidence
     summary = prediction_summary(errors, how.follower_models[0], confidence=confidence)
@@ -108,16 +112,17 @@ def _chosen(settings: Settings) -> tuple[str, ...]:
     """
     wanted = dict.fromkeys((*settings.calibrate.models, *settings.validation.follower_models))
     given = bool(settings.validation.followers.population)
-    return tuple(name for name in wanted if not (given and models.parse(name).removed))
+    return tuple(name for name in wanted if not (given and parse(name).removed))
 
 
-def _fits(rows: pd.DataFrame, followers: pd.DataFrame) -> models.Fits:
-    """The LCM of each response's follower."""
+def _fits(rows: pd.DataFrame, followers: pd.DataFrame, work: Path) -> models.Fits:
+    """The LCM and the IDM of each response's follower."""
     keyed = followers.set_index(["event_id", "follower"])
     own = keyed.loc[list(zip(rows["event_id"], rows["follower"], strict=True))] if len(rows) else keyed.iloc[:0]
     parameters = own[list(PARAMETERS)].to_numpy(np.float64)
     fitted = (own["status"] == names.FITTED).to_numpy()
-    return models.Fits(parameters, own["leader_length_m"].to_numpy(np.float64), fitted)
+    lengths = own["leader_length_m"].to_numpy(np.float64)
+    return models.Fits(parameters, lengths, fitted, idm_fits(rows, lengths, work))
 
 
 def judge_all(
@@ -130,7 +135,8 @@ def judge_all(
     for name in chosen:
         behaviours[name] = crossfit.drives(name, responses, fits)
         simulated[name], ahead[name] = _chain(*behaviours[name], responses, hardest)
-    return Judgement(rows, responses, simulated, ahead, behaviours, crossfit.fold_words(responses))
+    spreads = {name: crossfit.spreads(name, responses) for name in chosen}
+    return Judgement(rows, responses, simulated, ahead, behaviours, crossfit.fold_words(responses), spreads)
 
 
 def _chain(
@@ -165,16 +171,32 @@ def follower_models(judgement: Judgement) -> pd.DataFrame:
     parts = []
     for name, (family, b) in judgement.behaviours.items():
         frame = judgement.rows[["event_id", "recording_id", "follower", "vehicle_id"]].copy()
-        lcm, own = family == names.LCM, family != names.NO_COMMAND
-        values = {
-            "model": name, "family": family, "fold": judgement.folds if name.startswith(names.POPULATION) else "",
+        lcm, own = family == names.LCM, family in (names.LCM, names.IDM)
+        values: dict[str, Any] = {
+            "model": name, "family": family if family in names.FAMILIES else names.FUNCTION,
+            "fold": judgement.folds if parse(name).base == names.POPULATION else "",
+            "parameters": _own_parameters(family, b), "spread": _spread_words(judgement.spreads[name]),
             "v_desire": b.v_desire if own else np.nan, "A": b.A if own else np.nan, "b": b.b if own else np.nan,
             "B": b.B if lcm else np.nan, "tau": b.tau if own else np.nan, "L": b.L if own else np.nan,
             "L_before": b.L_before if own else np.nan, "memory_s": b.memory, "relaxation_s": b.relaxation,
-            "moment": b.moment if own else np.nan, "need": b.need, "a_0": b.a_0, "drift": b.drift,
+            "moment": b.moment if family != names.NO_COMMAND else np.nan, "need": b.need,
+            "a_0": b.a_0, "drift": b.drift,
         }  # fmt: skip
         parts.append(frame.assign(**values))
     return _table("follower_models", parts)
+
+
+def _spread_words(spreads: FloatArray) -> list[dict[str, float]]:
+    """Each follower's spread by parameter; nothing where it is 0."""
+    return [{p: s for p, s in zip(PARAMETERS, row, strict=True) if s > 0.0} for row in spreads.tolist()]
+
+
+def _own_parameters(family: str, behaviours: Behaviours) -> list[dict[str, float]]:
+    """The parameters of a function of somebody's own, of each follower by name; nothing for the other models."""
+    function = None if family in names.FAMILIES else own_function(family)
+    words = tuple(command_parameters(function)) if function is not None else ()
+    rows = np.stack([getattr(behaviours, slot) for slot in PARAMETERS], axis=1)
+    return [dict(zip(words, map(float, row), strict=False)) for row in rows]
 
 
 def prediction(judgement: Judgement, scales: Scales) -> pd.DataFrame:

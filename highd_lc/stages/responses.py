@@ -13,14 +13,16 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from highd_lc.drivers.population import CONSTANTS, NAMES, Population
+from highd_lc.drivers.identifiability import EVERYBODY, pool_idm
+from highd_lc.drivers.population import CONSTANTS, NAMES, OPTIONAL, SPREAD, Population
 from highd_lc.drivers.prediction import Scales, motion_loss
 from highd_lc.drivers.responses import HORIZON, NO_LEADER, SAMPLES, Responses
-from highd_lc.io import atomic
+from highd_lc.io import artefacts, atomic
 from highd_lc.planning.candidates import LossTerms
 from highd_lc.planning.scene import Motion, Scene, pack
-from highd_lc.stages.scenes import SceneTables, of_own_fits, scene_makers
+from highd_lc.stages.scenes import SceneTables, of_own_fits, scene_makers, track_of
 from highd_lc.vocab import names
+from highd_lc.vocab.driver import PARAMETERS
 from highd_lc.vocab.errors import SettingsError, told
 from highd_lc.vocab.settings import LossSettings, ValidateSettings
 
@@ -33,7 +35,7 @@ CHANGES_LANE: Final = 1.9
 """A follower that has moved this far sideways changes lane himself and is judged until then [m]."""
 FOLLOWED: Final = (70.0, 3.0)
 """A leader nearer than this [m] and no more than this faster or slower [m/s] is followed: his time gap counts."""
-_BEFORE = 0.5
+_BEFORE, _LONG_BEFORE = 0.5, 2.0
 _OTHERS = ("target_leader_id", "origin_leader_id", "origin_follower_id")
 
 
@@ -79,7 +81,8 @@ def _event_rows(
             "follower": rank,
             "vehicle_id": vehicles[rank],
             "time": float(event["start_frame"] - 1) / float(event["frame_rate"]),
-            "a_0": _acceleration_before(track["t"], track["ax"]),
+            "a_0": _acceleration_before(track["t"], track["ax"], _BEFORE),
+            "a_lasting": _acceleration_before(track["t"], track["ax"], _LONG_BEFORE),
             "drift": drift,
             "density": density,
             **_row(scene, rank, settings),
@@ -155,9 +158,9 @@ def _keeps_lane(motion: Motion) -> int:
     return int(np.argmax(away)) if away.any() else motion.observed
 
 
-def _acceleration_before(t: FloatArray, a: FloatArray) -> float:
-    """Mean recorded acceleration of the last half second before t_start, else at t_start."""
-    before = (t < -1e-9) & (t > -_BEFORE - 1e-9)
+def _acceleration_before(t: FloatArray, a: FloatArray, seconds: float) -> float:
+    """Mean recorded acceleration of the last seconds before t_start, as far as in view, else at t_start."""
+    before = (t < -1e-9) & (t > -seconds - 1e-9)
     return float(a[before].mean()) if before.any() else float(a[0])
 
 
@@ -203,7 +206,7 @@ def responses_of(rows: pd.DataFrame) -> Responses:
     }
     numbers = {
         name: rows[name].to_numpy(np.float64)
-        for name in ("before_length", "ahead_length", "a_0", "drift", "time_gap", "time")
+        for name in ("before_length", "ahead_length", "a_0", "a_lasting", "drift", "time_gap", "time")
     }
     return Responses(
         **series,
@@ -215,6 +218,27 @@ def responses_of(rows: pd.DataFrame) -> Responses:
         recording=rows["recording_id"].to_numpy(np.int64),
         location=rows["location_id"].to_numpy(np.int64),
     )
+
+
+def idm_fits(rows: pd.DataFrame, leader_lengths: FloatArray, work: Path) -> FloatArray:
+    """The IDM of each response's follower, shape (R, 5): a driver of the pool for who has none."""
+    found = np.array([one if len(one) else [np.nan] * 5 for one in rows["idm"]], dtype=np.float64).reshape(-1, 5)
+    known = np.isfinite(found[:, 0])
+    if not known.any() or known.all():
+        return found
+    classes, keys = rows["class"].to_numpy(object), zip(rows["event_id"], rows["follower"], strict=True)
+    tracks = {(row["event_id"], row["follower"]): row for row in _tracks(work)}
+    fitted = [track_of(tracks[key]) for key, fits in zip(keys, known, strict=True) if fits]
+    pools = pool_idm(fitted, leader_lengths[known], found[known], classes[known])
+    for place in np.flatnonzero(~known):
+        found[place] = pools.get(classes[place], pools[EVERYBODY])
+    return found
+
+
+def _tracks(work: Path) -> list[dict[str, Any]]:
+    return [
+        {str(k): v for k, v in row.items()} for row in artefacts.read(work, "follower_tracks").to_dict("records")
+    ]
 
 
 def save_population(path: Path, population: Population) -> None:
@@ -229,7 +253,13 @@ def save_population(path: Path, population: Population) -> None:
     for constant, value in zip(CONSTANTS, population.constants.tolist(), strict=True):
         unit = f" [{constant.unit}]" if constant.unit else ""
         lines.append(f"{constant.name} = {value!r}  # {constant.meaning}{unit}")
+    lines.append("[spread]  # standard deviation over drivers")
+    lines += [f"{name} = {value!r}" for name, value in zip(PARAMETERS, population.spread.tolist(), strict=True)]
     atomic.write_text(path, "\n".join(lines) + "\n")
+
+
+_LATER = {"lasting": 0.0} | {name: 1.0 if name.startswith("truck") else 0.0 for name in OPTIONAL}
+"""Constants that earlier files do not hold, as they counted there."""
 
 
 def load_population(path: Path) -> Population:
@@ -240,10 +270,22 @@ def load_population(path: Path) -> Population:
         raise SettingsError(f"followers.population = {path}: {error}") from error
     constants = found.get("constants", {})
     for constant in CONSTANTS:
-        value = constants.get(constant.name)
+        value = constants.setdefault(constant.name, _LATER.get(constant.name))
         if not isinstance(value, int | float) or not constant.low <= value <= constant.high:
             allowed = f"a number from {constant.low:g} to {constant.high:g}"
             raise SettingsError(f"{path}: key constants.{constant.name} = {value!r}: {allowed} is needed")
     moment = found.get("moment", 0.5)
     values = np.array([float(constants[name]) for name in NAMES])
-    return Population(values, float(moment), int(found.get("n_responses", 0)), str(found.get("source", path.name)))
+    spread = np.array(
+        [_spread_of(path, found, name, prior) for name, prior in zip(PARAMETERS, SPREAD, strict=True)]
+    )
+    count, source = int(found.get("n_responses", 0)), str(found.get("source", path.name))
+    return Population(values, float(moment), count, source, spread)
+
+
+def _spread_of(path: Path, found: dict[str, Any], name: str, prior: float) -> float:
+    """The spread of a parameter, the prior's in earlier files. Raises SettingsError for what is no such number."""
+    value = found.get("spread", {}).get(name, float(prior))
+    if not isinstance(value, int | float) or not 0.0 <= value < np.inf:
+        raise SettingsError(f"{path}: key spread.{name} = {value!r}: a number from 0 on is needed")
+    return float(value)

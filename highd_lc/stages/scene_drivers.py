@@ -11,12 +11,12 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from highd_lc.core.lcm import moved_behind
-from highd_lc.drivers.population import SPREAD
 from highd_lc.io import artefacts
 from highd_lc.planning.scene import Followers, Motion
 from highd_lc.vocab import names
 from highd_lc.vocab.driver import PARAMETERS, TABLE3_MEANS
 from highd_lc.vocab.errors import ArtefactError
+from highd_lc.vocab.follower_names import parse
 from highd_lc.vocab.tables.prediction import FOLLOWER_MODELS
 
 FloatArray = NDArray[np.float64]
@@ -71,6 +71,23 @@ def read_drivers(
     return grouping("follower_models", rows, columns=_MODEL_COLUMNS)
 
 
+def judged_drivers(work: Path, recording: int) -> dict[str, dict[tuple[str, ...], Columns]]:
+    """By model that prediction judges, what of each event's followers a scene needs."""
+    rows = artefacts.read(work, "follower_models", recording=recording)
+    found = {}
+    for model in rows["model"].unique():
+        own = rows[rows["model"] == model]
+        found[str(model)] = grouped(
+            "follower_models", own, by=["event_id"], order="follower", columns=_MODEL_COLUMNS
+        )
+    return found
+
+
+def behind_recorded(followers: Followers, drivers: Columns, model: str) -> Followers:
+    """The followers with the drivers that prediction judges: a model's rows of ``follower_models`` of an event."""
+    return replace(followers, **_behaviour(drivers, parse(model).base))
+
+
 def _alike(work: Path, fits: pd.DataFrame, model: str) -> pd.DataFrame:
     """The followers with the parameters that a model of the fits gives them, and the leader length of their L."""
     if model == names.OWN_FIT:
@@ -88,14 +105,14 @@ def driven(
 ) -> Followers:
     """The followers with a model's drivers: its rows of an event."""
     if model not in _FROM_FITS:
-        return replace(followers, **_behaviour(drivers, of_population=model.startswith(names.POPULATION)))
+        return replace(followers, **_behaviour(drivers, parse(model).base))
     L, behind = float(drivers["L"][0]), float(drivers["leader_length_m"][0])
     bare: dict[str, Any] = {name: Followers.__dataclass_fields__[name].default for name in _BEHAVIOUR}
     return replace(
         followers,
         parameters=_parameters(drivers, [ego_length, *followers.length[:-1]]),
         L_no_change=moved_behind(L, behind, target_leader.length if target_leader is not None else behind),
-        spread=np.array([[row.get(p, 0.0) for p in PARAMETERS] for row in map(dict, drivers["spread"])]),
+        spread=_spread(drivers),
         **bare,
     )
 
@@ -103,13 +120,18 @@ def driven(
 _BEHAVIOUR: Final = ("family", "memory", "relaxation", "need", "a_0", "drift", "moment")
 
 
-def _behaviour(drivers: Columns, *, of_population: bool) -> dict[str, Any]:
+def _behaviour(drivers: Columns, base: str) -> dict[str, Any]:
     """What of the followers a model decides, from an event's rows of ``follower_models``."""
+    parameters = np.stack([drivers[name] for name in PARAMETERS], axis=1).astype(np.float64)
+    family, first_L = str(drivers["family"][0]), float(drivers["L_before"][0])
+    if family == names.FUNCTION:
+        family, parameters = base, _of_function(drivers["parameters"])
+        first_L = float(parameters[0, -1])
     return {
-        "parameters": np.stack([drivers[name] for name in PARAMETERS], axis=1).astype(np.float64),
-        "L_no_change": float(drivers["L_before"][0]),
-        "spread": np.tile(SPREAD, (len(drivers["L"]), 1)) if of_population else None,
-        "family": str(drivers["family"][0]),
+        "parameters": parameters,
+        "L_no_change": first_L,
+        "spread": _spread(drivers) if base == names.POPULATION else None,
+        "family": family,
         "memory": drivers["memory_s"].astype(np.float64),
         "relaxation": drivers["relaxation_s"].astype(np.float64),
         "need": drivers["need"].astype(np.float64),
@@ -117,6 +139,19 @@ def _behaviour(drivers: Columns, *, of_population: bool) -> dict[str, Any]:
         "drift": drivers["drift"].astype(np.float64),
         "moment": drivers["moment"].astype(np.float64),
     }
+
+
+def _spread(drivers: Columns) -> FloatArray:
+    return np.array([[row.get(p, 0.0) for p in PARAMETERS] for row in map(dict, drivers["spread"])])
+
+
+def _of_function(rows: NDArray[Any]) -> FloatArray:
+    """The parameters of a function of somebody's own where kernels have the LCM's six, shape (p, 6)."""
+    out = np.zeros((len(rows), len(PARAMETERS)))
+    for slots, row in zip(out, rows, strict=True):
+        values = list(dict(row).values())
+        slots[: len(values)] = values
+    return out
 
 
 def _parameters(fits: Columns, leader_lengths: list[float]) -> FloatArray:

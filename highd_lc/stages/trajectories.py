@@ -1,7 +1,7 @@
 """The artefact ``trajectories``: what was recorded, planned, simulated and tracked, on the grid of 0.1 s."""
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 
 from highd_lc.io import artefacts
 from highd_lc.planning.planner import Plan, PlanningProblem
-from highd_lc.planning.replay import AvMotion, box_centre
-from highd_lc.planning.scene import Motion
+from highd_lc.planning.replay import AvMotion, box_centre, following
+from highd_lc.planning.scene import Motion, pack
+from highd_lc.stages.scene_drivers import Columns, behind_recorded
 from highd_lc.stages.scenes import TIME_STEP
 from highd_lc.stages.validate_samples import Planned
 from highd_lc.vocab import names
@@ -23,6 +24,8 @@ from highd_lc.vocab.tracking import KINEMATIC
 SingleArray = NDArray[np.float32]
 FloatArray = NDArray[np.float64]
 
+JudgedDrivers = dict[str, dict[tuple[str, ...], Columns]]
+"""Of each follower model, of each event what of its followers a scene needs."""
 SIMULATED: Final = "simulated"
 TRACKED: Final = "tracked"
 _STAGE: Final = "validate"
@@ -55,15 +58,32 @@ def planned_traces(planned: Planned) -> Iterator[Trace]:
         if plan.accounting == names.PRIMARY_ACCOUNTING and plan.replay is not None:
             key = (problem.scene.event_id, plan.accounting, plan.policy, planned.model, SIMULATED)
             yield _trace((*key, names.EGO), _ego(problem, plan, plan.replay.av))
-            yield from _followers(problem, plan, key, seen=None)
+            motion = plan.replay.x, plan.replay.v, plan.replay.a
+            yield from _followers(problem, motion, key, seen=None)
             if plan.policy == names.HUMAN:
                 key = (problem.scene.event_id, plan.accounting, RECORDED, planned.model, SIMULATED)
-                yield from _followers(problem, plan, key, seen=plan.replay.av.recorded + 1)
+                yield from _followers(problem, motion, key, seen=plan.replay.av.recorded + 1)
     for plan, plant, driven in planned.drives:
         if plant == KINEMATIC and driven is not None and driven.replay is not None:
             key = (problem.scene.event_id, plan.accounting, plan.policy, planned.model, TRACKED)
             av = driven.replay.av
             yield _trace((*key, names.EGO), _ego(problem, plan, av), last=av.n + 1)
+
+
+def judged_traces(planned: Sequence[Planned], judged: JudgedDrivers) -> Iterator[Trace]:
+    """The followers behind the recorded ego under the judged models that do not plan the event."""
+    problem = planned[0].tracker.problem
+    scene, done = problem.scene, {one.model for one in planned}
+    plan = next(p for p in planned[0].plans if p.policy == names.HUMAN)
+    assert plan.replay is not None, "recorded"
+    av = plan.replay.av
+    for model, drivers in judged.items():
+        if model in done or (scene.event_id,) not in drivers:
+            continue
+        followers = behind_recorded(scene.followers, drivers[scene.event_id,], model)
+        packed = pack(replace(scene, followers=followers), problem.settings)
+        key = (scene.event_id, names.PRIMARY_ACCOUNTING, RECORDED, model, SIMULATED)
+        yield from _followers(problem, following(av, packed), key, seen=av.recorded + 1)
 
 
 def _ego(problem: PlanningProblem, plan: Plan, av: AvMotion) -> tuple[FloatArray, ...]:
@@ -73,15 +93,17 @@ def _ego(problem: PlanningProblem, plan: Plan, av: AvMotion) -> tuple[FloatArray
     return x, y, av.vx, av.ax
 
 
-def _followers(problem: PlanningProblem, plan: Plan, key: tuple[str, ...], *, seen: int | None) -> Iterator[Trace]:
-    """The followers under a plan. seen: samples of the ego in view, to end with the recorded ones; None: all."""
-    followers, played = problem.scene.followers, plan.replay
-    assert played is not None, "asked for plans alone"
+def _followers(
+    problem: PlanningProblem, motion: tuple[FloatArray, ...], key: tuple[str, ...], *, seen: int | None
+) -> Iterator[Trace]:
+    """The followers' x, v, a, each (p, N + 1). seen: samples of the ego in view, to end with the recorded ones;
+    None: all.
+    """
+    followers, (x, v, a) = problem.scene.followers, motion
     for i, recorded in enumerate(followers.recorded):
-        level = np.full(played.x.shape[1], followers.y[i])
+        level = np.full(x.shape[1], followers.y[i])
         last = None if seen is None else min(seen, recorded.observed)
-        motion = (played.x[i], level, played.v[i], played.a[i])
-        yield _trace((*key, names.target_follower(i + 1)), motion, last=last)
+        yield _trace((*key, names.target_follower(i + 1)), (x[i], level, v[i], a[i]), last=last)
 
 
 def _trace(key: tuple[str, ...], motion: Sequence[FloatArray], first: int = 0, last: int | None = None) -> Trace:

@@ -28,6 +28,7 @@ from highd_lc.stages.population_tables import (
     worse_for_somebody,
 )
 from highd_lc.stages.responses import loss_in_view
+from highd_lc.stages.scene_drivers import judged_drivers
 from highd_lc.stages.scenes import (
     SceneTables,
     driven_by,
@@ -36,7 +37,14 @@ from highd_lc.stages.scenes import (
     scene_makers,
 )
 from highd_lc.stages.statistics import PolicyLosses, situations, summarise_losses, validation_matrix
-from highd_lc.stages.trajectories import Trace, planned_traces, recorded_traces, write_traces
+from highd_lc.stages.trajectories import (
+    JudgedDrivers,
+    Trace,
+    judged_traces,
+    planned_traces,
+    recorded_traces,
+    write_traces,
+)
 from highd_lc.stages.validate_samples import (
     Planned,
     Samples,
@@ -78,12 +86,13 @@ def run(job: Job) -> JobReport:
     traces: list[Trace] = []
     problems = []
     tables = read_scene_tables(job.work, job.recording, settings)
+    judged = judged_drivers(job.work, job.recording) if chosen.traced else {}
     makers = scene_makers(tables, settings)
     for event, (event_id, scene_of) in zip(tables.events.itertuples(), makers, strict=True):
         try:
             planned = _planned(scene_of(), tables, job, chosen)
             found = list(_event_rows(planned, job, chosen))
-            traced = list(_traces(event, planned, tables, settings)) if event_id in chosen.traced else []
+            traced = list(_traces(event, planned, tables, settings, judged)) if event_id in chosen.traced else []
         except Exception as error:
             # One bad event never stops the others, and is left out as a whole: it is listed with its reason.
             problems.append(Problem(job.recording, STAGE, told(event_id, error)))
@@ -153,12 +162,13 @@ def _study_rows(study: Study, chosen: Samples) -> Iterator[tuple[str, Row]]:
 
 
 def _traces(
-    event: Any, planned: list[Planned], tables: SceneTables, settings: ValidateSettings
+    event: Any, planned: list[Planned], tables: SceneTables, settings: ValidateSettings, judged: JudgedDrivers
 ) -> Iterator[Trace]:
     """Everybody's recorded motion, and what each follower model makes of it."""
     yield from recorded_traces(event.event_id, recorded_motions(event, tables, settings.loss.horizon_s))
     for one in planned:
         yield from planned_traces(one)
+    yield from judged_traces(planned, judged)
 
 
 def _sampled_rows(study: Study) -> Iterator[tuple[str, Row]]:

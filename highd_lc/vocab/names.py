@@ -98,6 +98,7 @@ POPULATION: Final = "population"
 NO_COMMAND: Final = "none"
 LCM: Final = "lcm"
 FAMILIES: Final = (NO_COMMAND, LCM, IDM)
+FUNCTION: Final = "function"
 
 # Vehicle classes as HighD writes them.
 CAR: Final = "Car"

@@ -6,6 +6,8 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from highd_lc.vocab import names
 from highd_lc.vocab.driver import TABLE3_MEANS
+from highd_lc.vocab.errors import SettingsError
+from highd_lc.vocab.follower_names import parse
 from highd_lc.vocab.sections import RecorderSettings, StatisticsSettings, StudySettings
 from highd_lc.vocab.tracking import TrackingSettings
 
@@ -96,6 +98,15 @@ class ExtractSettings(Section):
     ] = 15.0
 
 
+def _refuse_unknown(key: str, *models: str) -> None:
+    """Raise ValueError, with the key, for a name that is no follower model."""
+    for name in models:
+        try:
+            parse(name)
+        except SettingsError as error:
+            raise ValueError(f"{key}: {error}") from error
+
+
 class CalibrateSettings(Section):
     """Fitting the LCM to each follower (equations.md 9)."""
 
@@ -158,6 +169,12 @@ class CalibrateSettings(Section):
     min_window_s: Annotated[
         float, Field(gt=0, le=60, description="shortest car-following window that is fitted [s]")
     ] = 3.0
+
+    @model_validator(mode="after")
+    def _known_models(self) -> "CalibrateSettings":
+        """Every name means a model."""
+        _refuse_unknown("models", *self.models)
+        return self
 
 
 class LossSettings(Section):
@@ -247,6 +264,16 @@ class FollowerSettings(Section):
             "(Treiber and Kesting 2013: 9 on a dry road)",
         ),
     ] = 9.0
+
+    @model_validator(mode="after")
+    def _known_models(self) -> "FollowerSettings":
+        """Every name means a model, and a population from a file has all of its parts."""
+        _refuse_unknown("model", self.model)
+        _refuse_unknown("also", *self.also)
+        fitted = [name for name in (self.model, *self.also) if self.population and parse(name).removed]
+        if fitted:
+            raise ValueError(f"population = {self.population}: {fitted[0]} has to be fitted without a part")
+        return self
 
 
 class PlannerSettings(Section):

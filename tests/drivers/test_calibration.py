@@ -7,7 +7,10 @@ import pytest
 from made_followers import NOISE_FREE, NOISY, follower
 
 from highd_lc.core.car_following import FollowingTrack, open_loop_objective, simulate
+from highd_lc.core.lcm import IdmParameters, idm_acceleration
 from highd_lc.drivers.calibration import (
+    IDM_LOWER,
+    IDM_UPPER,
     NO_ACCELERATION,
     NOT_FINITE,
     STANDING_STILL,
@@ -15,9 +18,11 @@ from highd_lc.drivers.calibration import (
     assess,
     bounds_hit,
     fit_follower,
+    fit_idm,
     follower_seed,
     method_name,
 )
+from highd_lc.drivers.identifiability import EVERYBODY, pool_idm
 from highd_lc.vocab.driver import LOWER_BOUNDS, TABLE3_MEANS, UPPER_BOUNDS
 from highd_lc.vocab.settings import CalibrateSettings
 
@@ -183,3 +188,54 @@ def test_spread_is_wide_where_the_data_say_little():
     assert fit.spread.shape == (6,)
     assert np.isfinite(fit.spread).all()
     assert fit.spread[0] > 0.1
+
+
+IDM_TRUE = IdmParameters(31.0, 1.3, 2.5, 1.2, 1.8, 9.0)
+
+
+def idm_track(leader_length, *, seed=3, driver=IDM_TRUE):
+    """A follower by the IDM behind the leader of a made track, a step of 0.1 s at a time, in plain Python."""
+    base = made(seed, n_samples=101)
+    x, v, a = (np.empty(101) for _ in range(3))
+    x[0], v[0] = base.leader_x[0] - leader_length - 30.0, base.leader_v[0] + 1.0
+    for k in range(101):
+        gap = base.leader_x[k] - leader_length - x[k]
+        a[k] = idm_acceleration.py_func(v[k], gap, base.leader_v[k], driver)
+        if k < 100:
+            v[k + 1] = max(v[k] + 0.1 * a[k], 0.0)
+            x[k + 1] = x[k] + 0.1 * v[k + 1]
+    return changed(base, x=x, v=v, a=a)
+
+
+def idm_speeds(track, leader_length, fit):
+    v_desire, A, b, T, s0 = np.delete(fit, 3) if len(fit) == 6 else fit
+    driver = IdmParameters(v_desire, T, s0, A, b, 9.0)
+    x, v, found = track.x[0], track.v[0], []
+    for k in range(len(track.x)):
+        found.append(v)
+        a = idm_acceleration.py_func(v, track.leader_x[k] - leader_length - x, track.leader_v[k], driver)
+        v = max(v + 0.1 * a, 0.0)
+        x += 0.1 * v
+    return np.array(found)
+
+
+@pytest.mark.parametrize("optimiser", ["screen", "ga"])
+def test_an_idm_driver_is_fitted_whatever_fits_the_lcm(optimiser):
+    track = idm_track(12.0)
+    fit = fit_idm(track, 12.0, CalibrateSettings(optimiser=optimiser, screened=512), seed=5)
+    assert (fit >= IDM_LOWER).all()
+    assert (fit <= IDM_UPPER).all()
+    np.testing.assert_allclose(idm_speeds(track, 12.0, fit), track.v, atol=0.02)
+    again = fit_idm(track, 12.0, CalibrateSettings(optimiser=optimiser, screened=512), seed=5)
+    np.testing.assert_array_equal(fit, again)
+
+
+def test_the_pools_idm_is_the_one_that_drives_its_tracks_best():
+    slow = IDM_TRUE._replace(T=3.5, v_desire=24.0)
+    tracks = [idm_track(5.0, seed=k) for k in range(3)] + [idm_track(5.0, seed=9, driver=slow)]
+    fits = np.tile([31.0, 1.2, 1.8, 1.3, 2.5], (4, 1))
+    fits[1:, 0], fits[1:, 3] = (31.0, 40.0, 24.0), (1.4, 0.5, 3.5)
+    pools = pool_idm(tracks, np.full(4, 5.0), fits, np.array(["Car", "Car", "Car", "Truck"], object))
+    np.testing.assert_array_equal(pools["Car"], fits[0])
+    np.testing.assert_array_equal(pools["Truck"], fits[3])
+    assert set(pools) == {"Car", "Truck", EVERYBODY}

@@ -2,12 +2,13 @@
 
 import numpy as np
 import pytest
+from made_models import keeper
 from made_responses import made
 
 from highd_lc.drivers import models
 from highd_lc.drivers.population import PRIOR
-from highd_lc.drivers.responses import Behaviours, Responses, simulate
-from highd_lc.vocab import names
+from highd_lc.drivers.responses import Behaviours, Responses, Simulated, simulate
+from highd_lc.vocab import follower_names, names
 from highd_lc.vocab.driver import TABLE3_MEANS
 from highd_lc.vocab.errors import SettingsError
 
@@ -19,11 +20,11 @@ def drives_of(name: str, responses: Responses) -> tuple[str, Behaviours]:
 
 
 def test_names_are_taken_apart() -> None:
-    choice = models.parse("own_fit@crossing+memory+relaxation")
+    choice = follower_names.parse("own_fit@crossing+memory+relaxation")
     assert (choice.base, choice.moment, choice.added) == ("own_fit", 0.5, ("memory", "relaxation"))
-    assert models.parse("population-relaxation").removed == ("relaxation",)
-    assert models.parse("idm@0.3").moment == 0.3
-    assert models.parse("own_fit").moment is None
+    assert follower_names.parse("population-relaxation").removed == ("relaxation",)
+    assert follower_names.parse("idm@0.3").moment == 0.3
+    assert follower_names.parse("own_fit").moment is None
 
 
 @pytest.mark.parametrize(
@@ -31,7 +32,7 @@ def test_names_are_taken_apart() -> None:
 )
 def test_parts_that_change_nothing_are_refused(name: str) -> None:
     with pytest.raises(SettingsError, match="follower model"):
-        models.parse(name)
+        follower_names.parse(name)
 
 
 def test_memory_begins_with_the_drivers_own_acceleration() -> None:
@@ -53,7 +54,7 @@ def test_published_means_keep_their_L_behind_any_leader(made_fits: models.Fits) 
 @pytest.mark.parametrize("name", ["", "owl_fit", "own_fit@sometime", "own_fit+luck", "own_fit memory"])
 def test_a_name_that_means_nothing_is_refused_with_what_is_allowed(name: str) -> None:
     with pytest.raises(SettingsError, match="population"):
-        models.parse(name)
+        follower_names.parse(name)
 
 
 def test_the_mean_is_that_of_the_fitted(made_fits: models.Fits) -> None:
@@ -71,19 +72,67 @@ def made_fits() -> models.Fits:
 
 def test_a_model_of_ones_own_is_used_by_its_name(monkeypatch: pytest.MonkeyPatch) -> None:
     responses = made(4)
-    monkeypatch.setitem(models.REGISTRY, "mine", lambda r: drives_of("idm@crossing", r))
-    assert models.parse("mine").base == "mine"
+    monkeypatch.setitem(follower_names.REGISTRY, "mine", lambda r: drives_of("idm@crossing", r))
+    assert follower_names.parse("mine").base == "mine"
     mine = simulate(*drives_of("mine", responses), responses)
     np.testing.assert_array_equal(mine.v, simulate(*drives_of("idm@crossing", responses), responses).v)
 
 
 def test_a_model_of_ones_own_is_found_by_module_and_function() -> None:
     responses = made(6)
-    assert models.parse("made_models:calm").base == "made_models:calm"
+    assert follower_names.parse("made_models:calm").base == "made_models:calm"
     family, calm = drives_of("made_models:calm", responses)
     population = drives_of(names.POPULATION, responses)[1]
     assert family == names.LCM
     np.testing.assert_allclose(calm.A, 0.5 * population.A)
     for wrong in ("made_models:hasty", "nobodys_models:calm"):
         with pytest.raises(SettingsError, match=wrong):
-            models.parse(wrong)
+            follower_names.parse(wrong)
+
+
+def bare(name: str, responses: Responses) -> Simulated:
+    family, b = drives_of(name, responses)
+    return simulate(family, b, responses)
+
+
+def test_a_command_of_ones_own_drives_as_its_plain_python() -> None:
+    responses = made(8)
+    responses.truck[:4] = True
+    found = bare("made_models:keeper", responses)
+    for i in range(8):
+        x, v, T = responses.x[0, i], responses.v[0, i], 1.5 if i < 4 else 1.0
+        for k in range(len(found.v)):
+            parameters = (32.0, T, 0.02, responses.ahead_length[i])
+            a = max(keeper(v, responses.v_ahead[k, i], responses.x_ahead[k, i] - x, parameters), -9.0)
+            assert found.v[k, i] == pytest.approx(v, abs=1e-9)
+            v = max(v + 0.1 * a, 0.0)
+            x += 0.1 * v
+
+
+@pytest.mark.parametrize("parts", ["", "@crossing", "@0.3+memory"])
+def test_the_lcm_written_once_more_is_the_lcm(parts: str) -> None:
+    responses = made(10, seed=5)
+    np.testing.assert_allclose(
+        bare("made_models:again" + parts, responses).v, bare("table3" + parts, responses).v, atol=1e-9
+    )
+
+
+def test_what_numba_cannot_compile_drives_all_the_same() -> None:
+    responses = made(4)
+    found = bare("made_models:spoken", responses)
+    np.testing.assert_allclose(found.a, np.minimum(0.1 * (responses.v_ahead - found.v), 1.5), atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("name", "why"),
+    [
+        ("made_models:crowded", "7 parameters, at most 6"),
+        ("made_models:speechless", "no number at v = 0, v_leader = 0"),
+        ("made_models:dividing", "ZeroDivisionError"),
+        ("made_models:calm@crossing", "it returns all of its drivers"),
+        ("made_models:keeper-memory", "- takes a part from population"),
+    ],
+)
+def test_a_function_that_cannot_drive_is_refused_with_the_reason(name: str, why: str) -> None:
+    with pytest.raises(SettingsError, match=why):
+        follower_names.parse(name)

@@ -6,12 +6,20 @@ import numpy as np
 import pytest
 from made_responses import made
 
+from highd_lc.core.lcm import lcm_acceleration
 from highd_lc.drivers import population
 from highd_lc.drivers.population import CONSTANTS, NAMES, PRIOR, Population
 from highd_lc.drivers.prediction import CrossFit, folds
-from highd_lc.drivers.responses import Responses
+from highd_lc.drivers.responses import Responses, simulate
+from highd_lc.vocab import names
+from highd_lc.vocab.driver import PARAMETERS
 
-TRUE = Population(np.array([27.0, 0.2, 2.0, 1.1, 2.3, 1.6, 2.9, 0.2, 3.5, 1.1, 4.0, 0.9, 6.0]), 0.3, 0, "made")
+OF_TRUE = {
+    "v_desire": 27.0, "own_speed": 0.2, "above": 2.0, "A": 1.1, "b": 2.3, "B": 1.6, "tau": 2.9,
+    "own_time_gap": 0.2, "L_0": 3.5, "truck": 1.1, "truck_A": 1.0, "memory": 4.0, "persistence": 0.9,
+    "lasting": 0.5, "own_offset": 0.0, "idle": 0.0, "relaxation": 6.0,
+}  # fmt: skip
+TRUE = Population(np.array([OF_TRUE[name] for name in NAMES]), 0.3, 0, "made")
 
 
 def driven(responses: Responses, by: Population, *, noise: float = 0.0, seed: int = 2) -> Responses:
@@ -81,3 +89,65 @@ def test_a_response_does_not_change_the_constants_that_predict_it(recorded: Resp
 def test_names_are_those_of_the_constants() -> None:
     assert tuple(constant.name for constant in CONSTANTS) == NAMES
     assert TRUE["memory"] == 4.0
+
+
+def test_an_optional_constant_counts_where_it_predicts_others_better() -> None:
+    responses = made(160, seed=9)
+    responses = replace(responses, truck=np.arange(160) % 3 == 0)
+    truth = np.where(np.array(NAMES) == "truck_A", 0.35, TRUE.constants)
+    recorded = driven(responses, replace(TRUE, constants=truth), noise=0.02)
+    found = population.fit(recorded, source="all")
+    assert found["truck_A"] < 0.7
+    plain = population.fit(driven(responses, TRUE, noise=0.02), source="all")
+    assert abs(plain["truck_A"] - 1.0) < 0.1
+
+
+def test_who_is_opening_the_gap_may_be_idle() -> None:
+    responses = made(30, seed=2)
+    truth = np.where(np.array(NAMES) == "idle", 1.0, TRUE.constants)
+    b = population.behaviours(truth, responses, 0.0)
+    opening = responses.v_ahead[0] - responses.v[0] > 2.0
+    assert opening.any()
+    assert (b.A[opening] == 0.0).all()
+    closing = responses.v_ahead[0] < responses.v[0]
+    np.testing.assert_allclose(b.A[closing], TRUE["A"])
+
+
+def test_an_own_offset_is_what_was_beyond_the_command_before_the_start() -> None:
+    responses = made(10, seed=4)
+    bare = population.behaviours(TRUE.constants, responses, 0.5)
+    kept = population.behaviours(np.where(np.array(NAMES) == "own_offset", 0.5, TRUE.constants), responses, 0.5)
+    for i in range(10):
+        spacing = responses.before_x[0, i] - responses.x[0, i]
+        command = lcm_acceleration.py_func(
+            responses.v[0, i], spacing, responses.before_v[0, i], bare.v_desire[i], bare.A[i], bare.b[i],
+            bare.B[i], bare.tau[i], bare.L_before[i],
+        )  # fmt: skip
+        own = 0.5 * (responses.a_0[i] + responses.a_lasting[i]) - responses.drift[i]
+        expected = responses.drift[i] + 0.5 * np.clip(own - command, -1.0, 1.0)
+        assert kept.drift[i] == pytest.approx(expected)
+
+
+def test_drivers_drawn_with_the_spread_differ_as_much_as_the_recorded_ones() -> None:
+    responses = made(240, seed=13)
+    b = population.behaviours(TRUE.constants, responses, TRUE.moment)
+
+    def differ(sd: float) -> tuple[float, float]:
+        """Mean square deviation of the speed after 5 s, of the recorded drivers and of drawn ones."""
+        rng = np.random.default_rng(3)
+        own = b._replace(tau=np.maximum(b.tau + sd * rng.normal(size=240), 0.3))
+        found = simulate(names.LCM, own, responses)
+        v = found.v + 0.05 * rng.normal(size=found.v.shape)
+        fitted = population.fit(replace(responses, x=found.x, v=v), source="all")
+        mean = population.behaviours(fitted.constants, responses, fitted.moment)
+        drawn = {p: np.maximum(getattr(mean, p) + s * rng.normal(size=240), 0.2) for p, s in _spreads(fitted)}
+        middle, other = (simulate(names.LCM, one, responses).v[50] for one in (mean, mean._replace(**drawn)))
+        return float(((v[50] - middle) ** 2).mean()), float(((other - middle) ** 2).mean())
+
+    alike, apart = differ(0.0), differ(1.2)
+    assert alike[1] < 0.5 * apart[1]
+    assert 0.5 < apart[1] / apart[0] < 2.0
+
+
+def _spreads(fitted: Population) -> list[tuple[str, float]]:
+    return list(zip(PARAMETERS, fitted.spread.tolist(), strict=True))

@@ -42,6 +42,14 @@ def test_the_full_study_names_every_number_at_its_default():
         ("[calibrate]\npopulatoin = 10", ("calibrate.populatoin", "unknown", "population")),
         ("[nonsense]\na = 1", ("nonsense", "unknown", "calibrate")),
         ("seed = ", ("not valid TOML",)),
+        ("[calibrate]\nmodels = ['owl_fit']", ("calibrate.models", "'owl_fit'", "own_fit", "@moment")),
+        ("[validate.followers]\nmodel = 'own_fit+luck'", ("validate.followers.model", "'own_fit+luck'")),
+        ("[validate.followers]\nalso = ['made_models:hasty']", ("validate.followers.also", "made_models:hasty")),
+        ("[calibrate]\nmodels = ['made_models:crowded']", ("calibrate.models", "7 parameters, at most 6")),
+        (
+            "[validate.followers]\nmodel = 'population-memory'\npopulation = 'p.toml'",
+            ("validate.followers.population = p.toml", "population-memory"),
+        ),
         (
             "[validate.studies]\nhorizons_s = [5.0, 20.0]",
             ("studies.horizons_s", "20", "loss.horizon_s = 15"),

@@ -101,6 +101,20 @@ def test_followers_that_react_are_those_of_the_twin(family, moment):
         check(*compared(scene, seed=seed))
 
 
+@pytest.mark.parametrize("parts", [(), ("memory", "a_0", "need"), ("drift",)])
+def test_a_command_of_ones_own_plans_as_the_model_that_it_writes_once_more(parts):
+    rng = np.random.default_rng(11)
+    scene = reacting(random_scene(rng, crowding=2.0), rng, parts=parts)
+    L = scene.followers.parameters[0, 5]
+    own = replace(scene, followers=replace(scene.followers, family="made_models:again", L_no_change=L))
+    same = replace(scene, followers=replace(scene.followers, L_no_change=L))
+    by_function, by_model = task_of(own), task_of(same)
+    first = evaluate(DURATIONS, *candidates(1), by_function.scene, by_function.terms)
+    second = evaluate(DURATIONS, *candidates(1), by_model.scene, by_model.terms)
+    for one, two in zip(first, second, strict=True):
+        np.testing.assert_allclose(one, two, rtol=1e-9)
+
+
 @pytest.mark.parametrize("part", ["memory", "relaxation", "need", "drift"])
 def test_every_part_of_a_reaction_has_the_same_twin_and_a_meaning(part):
     rng = np.random.default_rng(7)

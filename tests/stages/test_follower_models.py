@@ -43,7 +43,16 @@ def told_otherwise(work):
         rows.append(
             {name: fit[name] for name in ("event_id", "recording_id", "follower", "vehicle_id", *PARAMETERS[:-1])}
             | {"model": MODEL, "family": names.LCM, "fold": "", "L": fit["L_replay"], "L_before": before}
-            | {"memory_s": 0.0, "relaxation_s": 0.0, "moment": 0.0, "need": np.inf, "a_0": 0.0, "drift": 0.0}
+            | {
+                "memory_s": 0.0,
+                "relaxation_s": 0.0,
+                "moment": 0.0,
+                "need": np.inf,
+                "a_0": 0.0,
+                "drift": 0.0,
+                "parameters": {},
+                "spread": {},
+            }
         )
     frame = pd.DataFrame(rows)[list(TABLES["follower_models"].column_names)]
     return artefacts.to_arrow("follower_models", frame, ABOUT)

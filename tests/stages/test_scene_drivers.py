@@ -27,6 +27,7 @@ def model_row(rank=1, **changes):
     numbers |= {"L_before": 7.1, "memory_s": 6.5, "relaxation_s": 0.0, "moment": 0.4, "need": 1.5}
     numbers |= {"a_0": 0.25, "drift": -0.125}
     made = {"event_id": EVENT, "recording_id": 1, "follower": rank, "vehicle_id": 4, "model": names.POPULATION}
+    made |= {"parameters": {}, "spread": dict(zip(PARAMETERS, SPREAD, strict=True))}
     return made | {"family": names.LCM, "fold": "not 1"} | numbers | changes
 
 

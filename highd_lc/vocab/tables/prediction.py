@@ -35,6 +35,8 @@ _FOLLOWER = Column("follower", "int64", "rank, 1 = nearest to the ego", minimum=
 _MODEL = word("model", "follower model (equations.md 3)")
 _HORIZON = number("horizon_s", "time from t_start", "s", nullable=False, minimum=0)
 
+_FAMILIES = (*names.FAMILIES, names.FUNCTION)
+
 FOLLOWER_MODELS = Table(
     "follower_models",
     "event, follower and model: all that a simulation of that follower needs",
@@ -45,7 +47,7 @@ FOLLOWER_MODELS = Table(
         _FOLLOWER,
         Column("vehicle_id", "int64", "the vehicle's id in its recording", minimum=0),
         _MODEL,
-        word("family", "equation of the command: none (0), lcm or idm", names.FAMILIES),
+        word("family", "equation of the command: none (0), lcm, idm, or the model's function", _FAMILIES),
         word("fold", "recordings or blocks of time that the constants come from; empty = not fitted so"),
         number("v_desire", "desired speed", "m/s"),
         number("A", "maximum acceleration", "m/s²"),
@@ -54,6 +56,10 @@ FOLLOWER_MODELS = Table(
         number("tau", "perception-reaction time (LCM), desired time gap (IDM)", "s"),
         number("L", "spacing (LCM) or gap (IDM) at standstill behind the AV or the follower ahead", "m"),
         number("L_before", "the same behind the target leader", "m"),
+        Column(
+            "parameters", "map<string,float64>", "parameters of the model's function, in its order; else empty"
+        ),
+        Column("spread", "map<string,float64>", "standard deviation over drivers (population), else empty"),
         number("memory_s", "time constant with which the acceleration at t_start fades; 0 = none", "s", minimum=0),
         number("relaxation_s", "time in which the jump at a change of leader fades; 0 = none", "s", minimum=0),
         number(
@@ -226,8 +232,10 @@ RESPONSES = Table(
         number("before_length", "length of the leader before the change", "m", nullable=False, minimum=0),
         number("ahead_length", "length of the leader after it", "m", nullable=False, minimum=0),
         number("a_0", "mean recorded acceleration over the 0.5 s before t_start", "m/s²", nullable=False),
+        number("a_lasting", "the same over the 2 s before t_start, as far as in view", "m/s²", nullable=False),
         number("drift", "median acceleration of the carriageway's other vehicles", "m/s²", nullable=False),
         number("density", "the carriageway's vehicles in view at t_start, a km and lane", "veh/km", minimum=0),
+        Column("idm", "list<float64>", "IDM fitted before t_start: v_desire, A, b, T, s0; else empty"),
         number("time_gap", "time gap to the leader at t_start; null unless it was followed", "s"),
         *(
             Column(name, "list<float64>", meaning)
