@@ -146,6 +146,11 @@ def crowd_of(
     """
     taken = [own_crowd(other) for other in others[: robust.draws // 2]]
     crowds = [drawn_crowd(packed, spread, robust.draws - len(taken), rng), *taken]
-    columns = [np.concatenate([np.asarray(crowd[k]) for crowd in crowds]) for k in range(3)]
     worst = max(1, int(np.ceil(robust.share * robust.draws - 1e-9)))
-    return Crowd(*columns, worst, robust.contacts == "any")
+    return Crowd(
+        np.concatenate([crowd.parameters for crowd in crowds]),
+        np.concatenate([crowd.reactions for crowd in crowds]),
+        np.concatenate([crowd.first_L for crowd in crowds]),
+        worst,
+        robust.contacts == "any",
+    )

@@ -296,7 +296,9 @@ def read_tables(job: Job) -> RecordingTables:
         directions=dict(zip(ids, directions, strict=True)),
         markings=dict(zip(roads["driving_direction"], roads["markings"], strict=True)),
         rows={**rows, "followers": _by_event(scenes.followers)},
-        identified={row["parameter"]: row for row in identified.to_dict("records")},
+        identified={
+            row["parameter"]: {str(k): v for k, v in row.items()} for row in identified.to_dict("records")
+        },
         behind={str(event): rows for event, rows in behind.groupby("event_id")},
         provenance=_provenance(job),
     )

@@ -4,10 +4,10 @@ Both are simulated behind the recorded lane changer, from the follower's recorde
 product's own step: what is compared is the drivers' constants, not what noise or unrest adds to a recording.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 import pandas as pd
@@ -65,7 +65,7 @@ def true_drivers(data: Path, recordings: list[int]) -> pd.DataFrame:
 
 def _completed(drivers: pd.DataFrame) -> pd.DataFrame:
     """A truth with all columns: files of old recorders hold drivers that react at once."""
-    missing = {name: value for name, value in _AS_OLD.items() if name not in drivers}
+    missing: dict[str, Any] = {name: value for name, value in _AS_OLD.items() if name not in drivers}
     return drivers.assign(**missing)
 
 
@@ -271,7 +271,8 @@ def said(table: pd.DataFrame) -> Iterator[str]:
     """Lines of the command: how far each model's response and its constants are from the truth."""
     from highd_lc.reporting.pages_truth import recovery
 
-    for row in recovery(table).itertuples(index=False):
+    rows: Iterable[Any] = recovery(table).itertuples(index=False)
+    for row in rows:
         off = "unknown" if np.isnan(row.off) else f"{100.0 * row.off:.1f} %"
         yield (
             f"{row.model}: response after {row.horizon_s:g} s off by {off} of the true one "

@@ -104,7 +104,8 @@ class _Cell:
 
     def gain(self, policy: str) -> pd.DataFrame:
         """Gain of a policy over the benchmark, one row an event, one column a model."""
-        return 1.0 - self.totals[policy] / self.totals[self.policies[0]]
+        own, benchmark = (self.totals.xs(name, axis=1, level="policy") for name in (policy, self.policies[0]))
+        return pd.DataFrame(1.0 - own / benchmark)
 
 
 def _cells(cross: pd.DataFrame) -> Iterator[_Cell]:
@@ -129,7 +130,7 @@ def _event_rows(cell: _Cell, models: Sequence[str]) -> Iterator[Row]:
         for event_id, of_event in gains[known].iterrows():
             yield {
                 "event_id": event_id,
-                "recording_id": int(cell.recordings[event_id]),
+                "recording_id": int(cell.recordings[str(event_id)]),
                 "form": cell.form,
                 "accounting": cell.accounting,
                 "policy": policy,
@@ -220,7 +221,7 @@ def situation_ranking(events: pd.DataFrame, gains: pd.DataFrame, losses: PolicyL
         pair = losses.pair(names.PRIMARY_ACCOUNTING, str(policy), benchmark)
         own = own.set_index("event_id").join(pair[["loss_hv_1", "loss_hv_0"]])
         rows = [edges | _situation(own.iloc[inside], losses) for edges, inside in tiles(events.loc[own.index])]
-        frame = pd.DataFrame(rows).assign(form=form, policy=policy)
+        frame = pd.DataFrame(rows).assign(form=str(form), policy=str(policy))
         for measure in ("expected", "worst"):
             place = frame[f"gain_{measure}"].rank(ascending=False, method="first")
             frame[f"rank_{measure}"] = place.astype(int)

@@ -13,6 +13,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from highd_lc.planning import sqp
+from highd_lc.planning.crowd import event_generator
 from highd_lc.planning.planner import Plan, PlanningProblem, contact_of, made_once
 from highd_lc.planning.pool import Goal, Pool
 from highd_lc.planning.search import search
@@ -23,7 +24,6 @@ from highd_lc.scoring.uncertainty import (
     Cell,
     Driven,
     Losses,
-    event_generator,
     optima,
     with_horizon,
     with_predicted,
