@@ -283,7 +283,7 @@ def read_tables(job: Job) -> RecordingTables:
     ids, directions = (scenes.vehicles[name].tolist() for name in ("vehicle_id", "driving_direction"))
     default = job.settings.validation.follower_models[0]
     found = {name: artefacts.read(job.work, name, recording=job.recording) for name in _READ}
-    identified = artefacts.read(job.work, "identifiability")
+    identified: list[Any] = artefacts.read(job.work, "identifiability").to_dict("records")
     recorded = [("policy", "==", RECORDED)]
     behind = artefacts.read_partition(job.work, "trajectories", job.recording, where=recorded)
     rows = {name: _by_event(frame[frame["followers"] == default]) for name, frame in found.items()}
@@ -296,9 +296,7 @@ def read_tables(job: Job) -> RecordingTables:
         directions=dict(zip(ids, directions, strict=True)),
         markings=dict(zip(roads["driving_direction"], roads["markings"], strict=True)),
         rows={**rows, "followers": _by_event(scenes.followers)},
-        identified={
-            row["parameter"]: {str(k): v for k, v in row.items()} for row in identified.to_dict("records")
-        },
+        identified={row["parameter"]: row for row in identified},
         behind={str(event): rows for event, rows in behind.groupby("event_id")},
         provenance=_provenance(job),
     )
