@@ -134,8 +134,8 @@ def _compared(cases: _Cases, fitted: pd.DataFrame, real: Simulated, model: str, 
         model=model,
         true_model=cases.true["model"],
         same_family=cases.true["model"].map(_FAMILY_OF) == family,
-        spacing=_classes(r.x_ahead[0] - r.x[0], SPACINGS, "m"),
-        closing=_classes(r.v[0] - r.v_ahead[0], CLOSINGS, "m/s"),
+        spacing=_classes(r.x_ahead[0] - r.x[0], SPACINGS),
+        closing=_classes(r.v[0] - r.v_ahead[0], CLOSINGS),
     )
     table["reason"] = np.where(
         table["same_family"], "", "the true driver is of another family: " + table["true_model"]
@@ -262,9 +262,10 @@ def _motions(cases: _Cases, found: Simulated, real: Simulated) -> dict[str, Floa
     return columns
 
 
-def _classes(values: FloatArray, bounds: tuple[float, ...], unit: str) -> NDArray[np.object_]:
-    labels = np.array(class_labels(bounds, unit), dtype=object)
-    return labels[np.searchsorted(bounds, values, side="right")]
+def _classes(values: FloatArray, bounds: tuple[float, ...]) -> list[str]:
+    """The class of each value."""
+    words = class_labels(bounds)
+    return [words[place] for place in np.searchsorted(bounds, values, side="right")]
 
 
 def said(table: pd.DataFrame) -> Iterator[str]:
