@@ -8,6 +8,7 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.colors import TwoSlopeNorm
 from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
 from numpy.typing import NDArray
 
 from highd_lc.reporting import labels
@@ -169,11 +170,13 @@ def gain_map_figure(tiles: pd.DataFrame, spacing: FloatArray, difference: FloatA
     axes = grid[0, 0]
     known = np.isfinite(spacing) & np.isfinite(difference)
     x, y = _open_edges(tiles, "spacing", spacing[known]), _open_edges(tiles, "closing", difference[known])
-    largest = _largest(tiles["gain"])
-    values = _on_grid(tiles, x, y)
+    largest = _largest(tiles["gain"][visible(tiles)])
+    values, hidden = _on_grid(tiles, x, y), _on_grid(tiles.assign(gain=~visible(tiles)), x, y) > 0.0
+    values[hidden] = np.nan
     mesh = axes.pcolormesh(x, y, values.T, cmap=_COLOUR_MAP, norm=TwoSlopeNorm(0.0, -largest, largest))
-    hidden = np.where(np.isfinite(values), _on_grid(tiles.assign(gain=~visible(tiles)), x, y) > 0.0, False)
-    axes.pcolor(x, y, np.ma.masked_where(~hidden.T, hidden.T), hatch="////", alpha=0.0)
+    for k, m in zip(*np.nonzero(hidden), strict=True):
+        size = x[k + 1] - x[k], y[m + 1] - y[m]
+        axes.add_patch(Rectangle((x[k], y[m]), *size, fill=False, hatch="////", lw=0.0, ec=QUIET))
     axes.plot(spacing[known], difference[known], "o", color="#000000", mec="#ffffff", mew=0.4, ms=3, alpha=0.7)
     colour_bar(figure, mesh, axes, "gain [%]")
     axes.set_xlabel("spacing of HV 1 behind the AV at the start [m]", color=QUIET, fontsize=SIZE)
