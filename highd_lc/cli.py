@@ -263,6 +263,25 @@ def show(
 
 
 @app.command()
+def truth(
+    pipeline: Pipeline = None,
+    data: Data = None,
+    work: Work = DEFAULT_WORK,
+    reports: Reports = DEFAULT_REPORTS,
+    workers: Workers = 2,
+) -> None:
+    """Compare the fitted drivers with the true ones of made recordings (NN_truth_drivers.csv)."""
+    from highd_lc import engine
+
+    folder = _data(data)
+    options = Options(folder, work, reports, workers)
+    with _signals_as_errors():
+        lines = engine.compare_with_truth(_settings(pipeline, folder), options, console=console)
+    console.print(*lines, sep="\n", markup=False, highlight=False, soft_wrap=True)
+    console.print(f"truth: {(reports / 'truth.html').resolve()}", soft_wrap=True)
+
+
+@app.command()
 def synthesize(
     out: Annotated[Path, typer.Argument(help="folder to write to")],
     recordings: Annotated[int, typer.Option(min=1, max=200, help="number of recordings")] = 3,

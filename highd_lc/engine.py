@@ -15,7 +15,7 @@ from highd_lc.io import atomic, highd_files, workspace
 from highd_lc.io.settings import digest, resolved
 from highd_lc.io.workspace import Records, find_inputs
 from highd_lc.stage_run import STAGES, Stage, StageRun
-from highd_lc.vocab.job import JobReport, Options, Outcome
+from highd_lc.vocab.job import JobReport, Options, Outcome, Provenance
 from highd_lc.vocab.settings import Settings
 
 _OF_REPORTS: Final[dict[str, Any]] = {"role": "reports", "name": ".lock", "below": ("", "events")}
@@ -45,6 +45,24 @@ def run(
         data = options.data or _synthesize(settings, options, console)
         _run_stages(settings, options, data, stages=stages, console=console, outcome=outcome)
     return outcome
+
+
+def compare_with_truth(settings: Settings, options: Options, *, console: Console) -> list[str]:
+    """Bring the run up to calibrate, set its drivers beside the true ones, and say how near they come.
+
+    Raises InputError, before anything is run where that can be known, if no recording comes with its drivers.
+    """
+    from highd_lc.stages import truth
+
+    if options.data is not None:
+        truth.true_drivers(options.data, highd_files.discover(options.data))
+    run(settings, options, last="calibrate", console=console)
+    data = options.data or options.work / "synthetic"
+    with workspace.owned(options.work):
+        inputs = {path.name: atomic.content_hash(path) for path in sorted(data.rglob("*_truth_drivers.csv"))}
+        about = Provenance(digest(settings), inputs, settings.seed, workspace.code_version())
+        table = truth.run(data, options.work, options.reports, settings, about)
+    return list(truth.said(table))
 
 
 def _up_to(wanted: set[str]) -> tuple[Stage, ...]:

@@ -13,8 +13,10 @@ from highd_lc.api.fits import Driver, columns_of, fit_drivers
 from highd_lc.api.recordings import Event, settings_of
 from highd_lc.drivers.population import PRIOR, behaviours
 from highd_lc.planning import planner, scene
+from highd_lc.planning.crowd import crowd_of, event_generator
 from highd_lc.planning.planner import PlanningProblem
 from highd_lc.planning.pool import Pool
+from highd_lc.planning.robust import FORM_OF_ROBUST, RobustProblem, plan_one_robust
 from highd_lc.planning.scene import Followers, Motion
 from highd_lc.planning.start_planner import FORM_OF_START, plan_start
 from highd_lc.planning.starts import Key, StartProblem, pose_starts
@@ -164,12 +166,23 @@ class Scene:
         self._refuse_unknown(policy, accounting)
         if policy in FORM_OF_START:
             return plan_start(self._starts, policy, accounting, self._searched)
+        if policy in FORM_OF_ROBUST:
+            return plan_one_robust(self._unknown, policy, accounting)
         return planner.plan_one(self.problem, policy, accounting)
 
     def _refuse_unknown(self, policy: str, accounting: str) -> None:
         for word, value, allowed in (("policy", policy, POLICIES), ("accounting", accounting, ACCOUNTINGS)):
             if value not in allowed:
                 raise UsageError(f"{word} {value!r} is unknown; one of: {', '.join(allowed)}")
+
+    @cached_property
+    def _unknown(self) -> RobustProblem:
+        """The scene of who knows no more of the followers than how much their drivers differ."""
+        robust, problem = self.settings.robust, self.problem
+        rng = event_generator(0, self.planned.event_id, purpose="crowd")
+        spread = self.planned.followers.spread
+        crowd = crowd_of(problem.packed, spread, [], robust=robust, rng=rng)
+        return RobustProblem(problem, crowd)
 
     @cached_property
     def _starts(self) -> StartProblem:

@@ -20,6 +20,7 @@ from highd_lc.core.drive import UNBOUNDED
 from highd_lc.drivers.calibration import (
     FollowerFit,
     Prior,
+    bounds_hit,
     common_driver,
     fit_follower,
     penalised,
@@ -311,7 +312,11 @@ def pool_drivers(
     rng: np.random.Generator,
     hardest: float = UNBOUNDED,
 ) -> dict[str, int]:
-    """Place of the common driver of each class that has fits, and of ``EVERYBODY`` if anybody was fitted."""
+    """Place of the common driver of each class that has fits, and of ``EVERYBODY`` if anybody was fitted.
+
+    With ``pool_election`` inside, those with the fewest parameters on bounds stand for it: a parameter that one
+    track left on a bound says nothing of others.
+    """
     pools = {name: np.flatnonzero(np.array(drivers.classes) == name) for name in sorted(set(drivers.classes))}
     pools[EVERYBODY] = np.arange(len(drivers))
     return {
@@ -329,7 +334,11 @@ def _common(
     members = drivers.take(places)
     judged = members.sample(_JUDGED, rng)
     problems = [pose(members.tracks[i], settings, hardest=hardest) for i in judged]
-    return int(places[judged[common_driver(problems, members.parameters[judged])]])
+    standing = judged
+    if settings.pool_election == "inside":
+        on_bounds = np.array([len(bounds_hit(members.parameters[i])) for i in judged])
+        standing = judged[on_bounds == on_bounds.min()]
+    return int(places[standing[common_driver(problems, members.parameters[standing])]])
 
 
 def refit(

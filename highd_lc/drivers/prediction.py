@@ -39,6 +39,7 @@ EXTERNALITY_HORIZONS: Final = (5.0, 8.0)
 """Times over which the cost of a lane change to HV_1 is counted [s]."""
 SMOOTHING: Final = 1.0
 """Width of the moving mean over speeds before braking and comfort are read [s]."""
+_LEAST_ACCELERATION = 0.1  # below it an acceleration weighs as this in the paper's J [m/s^2]
 SPACINGS: Final = (20.0, 35.0, 60.0)
 """Bounds of the classes of spacing [m]."""
 CLOSINGS: Final = (-2.0, 0.0, 2.0, 5.0)
@@ -70,6 +71,9 @@ class Judged(NamedTuple):
     comfort_recorded: FloatArray
     loss_simulated: FloatArray
     loss_recorded: FloatArray
+    nrmse_spacing: FloatArray
+    theil_u: FloatArray
+    paper_j: FloatArray
     contact: BoolArray
     contact_recorded: BoolArray
 
@@ -93,6 +97,8 @@ def judge(
     drifted = responses.drift * horizon
     fronts = responses.x_ahead if ahead is None else ahead
     own, theirs = _smooth_motion(v, scales), _smooth_motion(recorded, scales)
+    spacing = (fronts - simulated.x)[: last + 1]
+    kept = (responses.x_ahead - responses.x)[: last + 1]
     return Judged(
         error_speed=error[-1] + seen,
         error_position=(simulated.x - responses.x)[last] + seen,
@@ -105,6 +111,9 @@ def judge(
         comfort_recorded=theirs.comfort + seen,
         loss_simulated=own.loss + seen,
         loss_recorded=theirs.loss + seen,
+        nrmse_spacing=_rms(spacing - kept) / _rms(kept) + seen,
+        theil_u=_rms(spacing - kept) / (_rms(spacing) + _rms(kept)) + seen,
+        paper_j=_paper_j(v, recorded) + seen,
         contact=_contacts(simulated.x[: last + 1], fronts, responses),
         contact_recorded=_contacts(responses.x[: last + 1], responses.x_ahead, responses),
     )
@@ -117,6 +126,27 @@ def _contacts(x: FloatArray, ahead: FloatArray, responses: Responses) -> BoolArr
     return np.asarray((rear[:samples] < x).any(axis=0))
 
 
+def _rms(values: FloatArray) -> FloatArray:
+    """Root mean square over the samples of (K, R)."""
+    return np.asarray(np.sqrt((values**2).mean(axis=0)))
+
+
+def _paper_j(v: FloatArray, recorded: FloatArray) -> FloatArray:
+    """The paper's J (equations.md 9.4) of the accelerations of speeds (K, R), smoothed; NaN of who has none."""
+    found, known = (np.diff(_smoothed(values), axis=0) / TIME_STEP for values in (v, recorded))
+    size = np.abs(known)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        j = ((found - known) ** 2 / np.maximum(size, _LEAST_ACCELERATION)).sum(axis=0) / size.sum(axis=0)
+    return np.where(size.sum(axis=0) > 0.0, j, np.nan)
+
+
+def _smoothed(v: FloatArray) -> FloatArray:
+    """Moving means of speeds (K, R) over ``SMOOTHING``."""
+    width = round(SMOOTHING / TIME_STEP) + 1
+    padded = np.concatenate([np.zeros((1, v.shape[1])), np.cumsum(v, axis=0)])
+    return np.asarray((padded[width:] - padded[:-width]) / width)
+
+
 class _Smooth(NamedTuple):
     peak: FloatArray
     comfort: FloatArray
@@ -125,9 +155,7 @@ class _Smooth(NamedTuple):
 
 def _smooth_motion(v: FloatArray, scales: Scales) -> _Smooth:
     """Peak braking [m/s^2], comfort sum and loss of speeds (K, R), smoothed."""
-    width = round(SMOOTHING / TIME_STEP) + 1
-    padded = np.concatenate([np.zeros((1, v.shape[1])), np.cumsum(v, axis=0)])
-    smooth = (padded[width:] - padded[:-width]) / width if len(v) >= width else v[:0]
+    smooth = _smoothed(v) if len(v) >= round(SMOOTHING / TIME_STEP) + 1 else v[:0]
     if len(smooth) < 3:  # too short for a jerk
         unknown = np.full(v.shape[1], np.nan)
         return _Smooth(unknown, unknown, unknown)

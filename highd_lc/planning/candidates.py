@@ -47,6 +47,7 @@ from highd_lc.planning.contacts import (
     meet_leaders,
     meet_origin_follower,
 )
+from highd_lc.planning.crowd import Crowd, own_crowd, together, with_drivers
 from highd_lc.planning.scene import FAMILY, MOMENT, PackedScene, Scene
 from highd_lc.vocab.settings import LossSettings
 
@@ -98,14 +99,23 @@ def loss_terms(scene: Scene, weights: FloatArray, settings: LossSettings) -> Los
     )
 
 
-def evaluate(n: IntArray, delta: FloatArray, change: FloatArray, scene: PackedScene, terms: LossTerms) -> Outcomes:
+def evaluate(
+    n: IntArray,
+    delta: FloatArray,
+    change: FloatArray,
+    scene: PackedScene,
+    terms: LossTerms,
+    crowd: Crowd | None = None,
+) -> Outcomes:
     """Simulate candidate plans.
 
     n: samples of each row's duration (T = n dt), shape (rows,), each below len(scene.target_v). delta:
-    x_final - v0 T [m], change: v_end - v0 [m/s], shape (rows, candidates).
+    x_final - v0 T [m], change: v_end - v0 [m/s], shape (rows, candidates). crowd: who the followers may be; None:
+    those of the scene. Their losses are what the crowd makes of its draws, contacts those of the first
+    draw, or of any.
     """
     outcomes = new_outcomes(delta.shape)
-    evaluate_into(n, delta, change, scene, terms, outcomes)
+    evaluate_into(n, delta, change, scene, crowd or own_crowd(scene), terms, outcomes)
     return outcomes
 
 
@@ -121,6 +131,7 @@ def evaluate_into(
     delta: FloatArray,
     change: FloatArray,
     scene: PackedScene,
+    crowd: Crowd,
     terms: LossTerms,
     out: Outcomes,
 ) -> None:
@@ -132,6 +143,7 @@ def evaluate_into(
     state = np.empty(STATE_ROWS * WIDTH)
     y, vy, reach = np.empty(samples), np.empty(samples), np.empty(samples)
     contact, role = np.empty(WIDTH, np.int64), np.empty(WIDTH, np.int64)
+    each_T, each_H = np.empty((len(crowd.first_L), WIDTH)), np.empty((len(crowd.first_L), WIDTH))
     rear = scene.target_front - scene.target_length
     behind_leader = scene.asks_all and np.isfinite(rear[0])
     for row in range(len(n)):
@@ -146,30 +158,37 @@ def evaluate_into(
             for w in range(used):
                 out.av_T[row, first + w] = state[TO_T * WIDTH + w]
                 out.av_H[row, first + w] = state[TO_H * WIDTH + w]
-                out.hv_T[row, first + w], out.hv_H[row, first + w] = 0.0, 0.0
             lateral_motion(n[row], state, scene, y, vy, reach)
             meet_leaders(n[row], scene, av_front, av_v, y, vy, reach, contact, role)
             if behind_leader:
                 drive_through(n[row] // 2, samples, 3 * roles + leaders - 1, rear, state, av_front, contact, role)
-            insertion = first_past(scene.reactions[0, MOMENT], n[row])
-            ahead[:], ahead_v[:] = av_front, av_v
-            for k in range(insertion):
-                ahead[k * WIDTH : (k + 1) * WIDTH] = scene.target_front[k]
-                ahead_v[k * WIDTH : (k + 1) * WIDTH] = scene.target_v[k]
-            for i in range(len(scene.follower_x)):
-                _drive_follower(i, n[row], insertion, state, scene, terms, ahead, ahead_v, own)
-                for w in range(used):
-                    out.hv_T[row, first + w] += terms.weights[i] * state[TO_T * WIDTH + w]
-                    out.hv_H[row, first + w] += terms.weights[i] * state[TO_H * WIDTH + w]
-                if scene.asks_all:
-                    who = (1 if i else 2) * roles + leaders + i
-                    length = scene.follower_length[i - 1] if i else scene.length
-                    since, asked = (0, False) if i else (n[row] // 2, insertion > n[row] // 2)
-                    _meet_ahead(who, since, asked, length, state, ahead if i else av_front, own, contact, role)
-                if behind_leader and i == 0:
-                    drive_through(0, n[row] // 2, roles + leaders, rear, state, own, contact, role)
-                meet_follower(i, n[row], scene, av_front, av_v, y, vy, reach, own, contact, role)
-                ahead, own = own, ahead
+            for draw in range(len(crowd.first_L)):
+                drawn = with_drivers(scene, crowd, draw)
+                insertion = first_past(drawn.reactions[0, MOMENT], n[row])
+                ahead[:], ahead_v[:] = av_front, av_v
+                for k in range(insertion):
+                    ahead[k * WIDTH : (k + 1) * WIDTH] = scene.target_front[k]
+                    ahead_v[k * WIDTH : (k + 1) * WIDTH] = scene.target_v[k]
+                each_T[draw], each_H[draw] = 0.0, 0.0
+                for i in range(len(scene.follower_x)):
+                    _drive_follower(i, n[row], insertion, state, drawn, terms, ahead, ahead_v, own)
+                    for w in range(used):
+                        each_T[draw, w] += terms.weights[i] * state[TO_T * WIDTH + w]
+                        each_H[draw, w] += terms.weights[i] * state[TO_H * WIDTH + w]
+                    asks = draw == 0 or crowd.rejects_all
+                    if asks and scene.asks_all:
+                        who = (1 if i else 2) * roles + leaders + i
+                        length = scene.follower_length[i - 1] if i else scene.length
+                        since, asked = (0, False) if i else (n[row] // 2, insertion > n[row] // 2)
+                        _meet_ahead(who, since, asked, length, state, ahead if i else av_front, own, contact, role)
+                    if asks and behind_leader and i == 0:
+                        drive_through(0, n[row] // 2, roles + leaders, rear, state, own, contact, role)
+                    if asks:
+                        meet_follower(i, n[row], scene, av_front, av_v, y, vy, reach, own, contact, role)
+                    ahead, own = own, ahead
+            for w in range(used):
+                out.hv_T[row, first + w] = together(each_T[:, w], crowd.worst)
+                out.hv_H[row, first + w] = together(each_H[:, w], crowd.worst)
             if len(scene.origin_follower):
                 meet_origin_follower(n[row], state, scene, av_front, av_v, y, vy, reach, own, contact, role)
             for w in range(used):

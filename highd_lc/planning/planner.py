@@ -160,7 +160,7 @@ def plan_one(problem: PlanningProblem, policy: str, accounting: str) -> Plan:
         return next(p for p in infeasible_at_start(problem, [policy]) if p.accounting == accounting)
     nominal = nominal_rejections(problem.task, free=asked.form == names.FREE)
     goal = Goal(accounting, asked.omega_av(problem.settings.loss.omega_av))
-    return _best_plan(problem, problem.pool(asked.form), goal, policy, nominal, {})
+    return best_plan(problem, problem.pool(asked.form), goal, policy, nominal, {})
 
 
 def goals(problem: PlanningProblem) -> list[Goal]:
@@ -178,10 +178,10 @@ def _optimal(problem: PlanningProblem, pools: dict[str, Pool]) -> Iterator[Plan]
         omega = 1.0 if policy in (names.BENCHMARK, names.BENCHMARK_FREE) else problem.settings.loss.omega_av
         for accounting in names.ACCOUNTINGS:
             goal = Goal(accounting, omega)
-            yield _best_plan(problem, pools[form], goal, policy, nominal[form], replays)
+            yield best_plan(problem, pools[form], goal, policy, nominal[form], replays)
 
 
-def _best_plan(
+def best_plan(
     problem: PlanningProblem,
     pool: Pool,
     goal: Goal,
@@ -189,6 +189,7 @@ def _best_plan(
     nominal: dict[str, int],
     replays: dict[Quintic, Replay],
 ) -> Plan:
+    """The best plan of a pool for a goal, with its margins. replays: those known, and filled."""
     count, rejected = rejections(problem, pool, goal.accounting, nominal)
     best = pool.best(goal)
     if best is None:

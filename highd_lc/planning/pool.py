@@ -11,6 +11,7 @@ from highd_lc.core.losses import joint_objective
 from highd_lc.core.quintic import Quintic
 from highd_lc.planning.candidates import LossTerms, evaluate
 from highd_lc.planning.contacts import NO_CONTACT
+from highd_lc.planning.crowd import Crowd
 from highd_lc.planning.limits import CONSTRAINTS, Limits, violations
 from highd_lc.planning.scene import PackedScene
 from highd_lc.vocab import names
@@ -142,13 +143,17 @@ def distinct(pool: Pool, goals: list[Goal]) -> list[int]:
 
 @dataclass(frozen=True)
 class Task:
-    """A search: the packed scene, its loss terms, dynamic limits and settings; before: only of a later start."""
+    """A search: the packed scene, its loss terms, dynamic limits and settings.
+
+    before: only of a later start. crowd: who the followers may be; None = those of the scene.
+    """
 
     scene: PackedScene
     terms: LossTerms
     limit: Limits
     settings: PlannerSettings
     before: Before | None = None
+    crowd: Crowd | None = None
 
     @property
     def durations(self) -> IntArray:
@@ -170,7 +175,7 @@ class Task:
 
     def simulate(self, n: IntArray, delta: FloatArray, change: FloatArray) -> Pool:
         """Candidates in rows of one duration each, as a flat pool; shapes as in ``evaluate``."""
-        out = evaluate(n, delta, change, self.scene, self.terms)
+        out = evaluate(n, delta, change, self.scene, self.terms, self.crowd)
         codes = violations(self.seconds(n), delta, change, self.scene.v0, self.scene.D, self.limit)
         pool = Pool(
             n=np.repeat(n, delta.shape[1]),

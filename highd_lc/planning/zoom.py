@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from highd_lc.core.kernels import UNALIASED
 from highd_lc.planning.candidates import LossTerms, Outcomes, evaluate_into, new_outcomes
 from highd_lc.planning.contacts import NO_CONTACT, WIDTH
+from highd_lc.planning.crowd import Crowd, own_crowd
 from highd_lc.planning.limits import Limits, forward_interval, violation
 from highd_lc.planning.pool import NOTHING_BEFORE, OVERTAKES, Before, Goal, Pool, Task
 from highd_lc.planning.scene import PackedScene
@@ -104,7 +105,8 @@ def follow_valleys(
     omega = np.array([goal.omega_av for goal in asked])
     _follow_valleys(
         starts.n, accounting, omega, starts.centre.copy(), starts.frame.copy(), _SUNFLOWER if free else _LINE,
-        free, task.scene, task.terms, task.limit, task.before or NOTHING_BEFORE, task.before is not None,
+        free, task.scene, task.crowd or own_crowd(task.scene), task.terms, task.limit,
+        task.before or NOTHING_BEFORE, task.before is not None,
         clouds.delta, clouds.change, clouds.outcomes, clouds.codes, best,
     )  # fmt: skip
     return clouds, best
@@ -125,6 +127,7 @@ def _follow_valleys(
     cloud: FloatArray,
     free: bool,
     scene: PackedScene,
+    crowd: Crowd,
     terms: LossTerms,
     limit: Limits,
     before: Before,
@@ -146,7 +149,7 @@ def _follow_valleys(
             _place_cloud(
                 n[s] * scene.dt, centre[s], frame[s], cloud, scene.v0, limit, delta[level, s], change[level, s]
             )
-        evaluate_into(n, delta[level], change[level], scene, terms, at)
+        evaluate_into(n, delta[level], change[level], scene, crowd, terms, at)
         for s in range(starts):
             T = n[s] * scene.dt
             for w in range(WIDTH):

@@ -7,13 +7,16 @@ centre at t_start: x forward, y left [m]. NaN stands for "not in view".
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
+from highd_lc.reporting import html
 from highd_lc.vocab import names
+from highd_lc.vocab.driver import LOWER_BOUNDS, PARAMETERS, UPPER_BOUNDS
 from highd_lc.vocab.policy import PAIRS
+from highd_lc.vocab.tables.summaries import NOT_IDENTIFIABLE
 
 FloatArray = NDArray[np.float64]
 Row = Mapping[str, Any]
@@ -119,7 +122,8 @@ class EventReport:
     t_start [m/s]. dt: step of the motions [s]. divider: y of the marking that is crossed [m]; markings: y of all
     markings of the carriageway, ascending [m]. boxes: of each role. others: motions of the roles that no policy
     moves; observed: how many of their samples were recorded, the rest is predicted. leads: from which sample on
-    which of them leads the target lane ("" = nobody). provenance: labels, values.
+    which of them leads the target lane ("" = nobody). provenance: labels, values. identified: of the run, rows of
+    ``identifiability`` by parameter.
     """
 
     event: Row
@@ -141,6 +145,7 @@ class EventReport:
     prediction: PredictionTrace | None = None
     provenance: tuple[tuple[str, str], ...] = ()
     leads: tuple[tuple[int, str], ...] = ()
+    identified: Mapping[str, Row] = field(default_factory=dict)
 
     @property
     def event_id(self) -> str:
@@ -190,3 +195,44 @@ def gain(total_local: float, total_benchmark: float) -> float:
 def _by_cell(rows: tuple[Row, ...]) -> dict[tuple[str, str], Row]:
     """Rows by policy and accounting, of which there is one each."""
     return {(row["policy"], row["accounting"]): row for row in rows}
+
+
+_WIDE: Final = 0.10
+"""A spread of more than this share of a parameter's range leaves it open."""
+_TIED: Final = 0.90
+"""From this correlation on two parameters are known together alone."""
+_RANGES: Final = UPPER_BOUNDS.as_array() - LOWER_BOUNDS.as_array()
+
+
+def driver_says(fit: Mapping[str, Any], identified: Mapping[str, Mapping[str, Any]]) -> str:
+    """Which parameters of a follower may be believed, and why not the others, in a sentence.
+
+    fit: a row of ``followers``; identified: rows of the run's ``identifiability`` by parameter, if it has any.
+    """
+    if fit["status"] != names.FITTED:
+        return (
+            "None of the parameters is this driver's: nothing was fitted to him, they are "
+            f"{'Table 3 means' if fit['status'] == names.TABLE3 else 'those of a driver of the pool'}."
+        )
+    why = {name: _doubt(fit, name, identified.get(name, {})) for name in PARAMETERS}
+    sure = [name for name, doubt in why.items() if not doubt]
+    doubts = [f"{name} ({doubt})" for name, doubt in why.items() if doubt]
+    believed = f"To be believed: {', '.join(sure)}." if sure else "No parameter is to be believed by itself."
+    return f"{believed} Not: {', '.join(doubts)}." if doubts else believed
+
+
+def _doubt(fit: Mapping[str, Any], name: str, known: Mapping[str, Any]) -> str:
+    """Why a parameter is not believed; empty where it is."""
+    if name in (() if fit["at_bound"] is None else fit["at_bound"]):
+        return "on a bound"
+    spread = dict(fit["spread"] or {}).get(name)
+    if spread is None:
+        return "spread not known"
+    if spread > _WIDE * _RANGES[PARAMETERS.index(name)]:
+        return f"± {html.number(spread, 2)} over equally good fits"
+    if known.get("verdict") == NOT_IDENTIFIABLE:
+        width = html.percent(known["width"], 0)
+        return f"not identifiable in this run: profiles are {width} of the range wide"
+    if known.get("correlation", 0.0) >= _TIED:
+        return f"tied to {known['partner']}, |r| {html.number(known['correlation'], 2)}"
+    return ""

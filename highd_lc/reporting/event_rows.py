@@ -14,7 +14,7 @@ import numpy as np
 from markupsafe import Markup, escape
 
 from highd_lc.reporting import html, labels
-from highd_lc.reporting.event import EventReport, FloatArray, PredictionTrace, Row
+from highd_lc.reporting.event import EventReport, FloatArray, PredictionTrace, Row, driver_says
 from highd_lc.reporting.html import bars, cells, number, policy_head
 from highd_lc.vocab import names
 from highd_lc.vocab.driver import PARAMETERS
@@ -262,6 +262,7 @@ def fit_row(row: Row, report: EventReport) -> dict[str, Any]:
         "rmse_spacing": row["rmse_spacing_m"],
         "rmse_speed": row["rmse_speed_mps"],
         "drawn": row["follower"] in report.fit_traces,
+        "says": driver_says(row, report.identified),
     }
 
 

@@ -11,6 +11,7 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.colors import Normalize, TwoSlopeNorm
 from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
@@ -31,6 +32,8 @@ CELL_COLOURS: Final = {
     names.FREE: "#D55E00",
     names.START: "#009E73",
     names.FREE_START: "#B0578D",
+    names.ROBUST: "#00695C",
+    names.ROBUST_FREE: "#8C6D1F",
 }
 """Of each form."""
 
@@ -143,6 +146,11 @@ def parameters_figure(followers: pd.DataFrame) -> Figure:
     return figure
 
 
+def visible(tiles: pd.DataFrame) -> pd.Series:
+    """Which rows may be quoted: the error in the followers' loss is known, and no larger than the effect."""
+    return tiles["error_over_effect"].astype(float).le(1.0)
+
+
 def loss_bars(losses: pd.DataFrame) -> Figure:
     """Mean loss of each policy, AV and followers, one panel an accounting. losses: rows of ``losses``."""
     present = set(losses["policy"].unique())
@@ -202,6 +210,10 @@ def _tiles(figure: Figure, axes: Axes, tiles: pd.DataFrame, *, column: str, labe
     largest = 100.0 if share else max(float(np.nanmax(np.abs(values))), 1.0) if values.size else 1.0
     norm = Normalize(0.0, largest) if share else TwoSlopeNorm(0.0, -largest, largest)
     mesh = axes.imshow(values, cmap=_COLOUR_MAPS[column], norm=norm, origin="lower", aspect="auto")
+    hidden = np.zeros(values.shape, bool)
+    hidden[at] = ~visible(tiles) & (not share)
+    for i, j in zip(*np.nonzero(hidden), strict=True):
+        axes.add_patch(Rectangle((j - 0.5, i - 0.5), 1.0, 1.0, fill=False, hatch="////", lw=0.0, alpha=0.5))
     for i, j in zip(*np.nonzero(counts), strict=True):
         dark = abs(values[i, j]) > 0.6 * largest
         ink = "#ffffff" if dark else DARK

@@ -8,11 +8,12 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.colors import TwoSlopeNorm
 from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
 from numpy.typing import NDArray
 
 from highd_lc.reporting import labels
 from highd_lc.reporting.drawing import DARK, INK, LEGEND, LINE, QUIET, SIZE, colour_bar, panels
-from highd_lc.reporting.figures_population import CELL_COLOURS
+from highd_lc.reporting.figures_population import CELL_COLOURS, visible
 from highd_lc.reporting.html import number
 from highd_lc.vocab import names
 from highd_lc.vocab.tables.studies import FRONT, SWEEP
@@ -22,6 +23,8 @@ FloatArray = NDArray[np.float64]
 _ACCOUNTING_STYLES: Final = {names.EQUAL: "-", names.FOLLOWER_HORIZON: "--", names.PAPER: ":"}
 _COLOUR_MAP: Final = "PuOr"
 _FRONTS: Final = 6
+_MODELS: Final = 6
+"""Follower models drawn side by side: who planned, who plans too, the second opinions; tables hold all."""
 
 
 def cross_figure(scores: pd.DataFrame) -> Figure:
@@ -29,7 +32,7 @@ def cross_figure(scores: pd.DataFrame) -> Figure:
 
     scores: rows of ``cross_scores`` of one form and of the follower model that planned.
     """
-    models = list(dict.fromkeys(scores["scored_with"]))
+    models = list(dict.fromkeys(scores["scored_with"]))[:_MODELS]
     figure, grid = panels(2.35 + 2.35 * len(models), 2.7, columns=len(models))
     largest = _largest(scores["gain"])
     for axes, model in zip(grid[0], models, strict=True):
@@ -160,15 +163,20 @@ def _front(axes: Axes, rows: pd.DataFrame) -> None:
 def gain_map_figure(tiles: pd.DataFrame, spacing: FloatArray, difference: FloatArray) -> Figure:
     """Gain over spacing and speed difference of HV 1 at the start: tiles with gain and count, every event a dot.
 
-    tiles: rows of ``gain_map`` of one form and accounting; spacing [m], difference [m/s]: of each event.
+    tiles: rows of ``gain_map`` of one form and accounting, hatched where the error hides the effect; spacing [m],
+    difference [m/s]: of each event.
     """
     figure, grid = panels(8.0, 4.2)
     axes = grid[0, 0]
     known = np.isfinite(spacing) & np.isfinite(difference)
     x, y = _open_edges(tiles, "spacing", spacing[known]), _open_edges(tiles, "closing", difference[known])
-    largest = _largest(tiles["gain"])
-    values = _on_grid(tiles, x, y)
+    largest = _largest(tiles["gain"][visible(tiles)])
+    values, hidden = _on_grid(tiles, x, y), _on_grid(tiles.assign(gain=~visible(tiles)), x, y) > 0.0
+    values[hidden] = np.nan
     mesh = axes.pcolormesh(x, y, values.T, cmap=_COLOUR_MAP, norm=TwoSlopeNorm(0.0, -largest, largest))
+    for k, m in zip(*np.nonzero(hidden), strict=True):
+        size = x[k + 1] - x[k], y[m + 1] - y[m]
+        axes.add_patch(Rectangle((x[k], y[m]), *size, fill=False, hatch="////", lw=0.0, ec=QUIET))
     axes.plot(spacing[known], difference[known], "o", color="#000000", mec="#ffffff", mew=0.4, ms=3, alpha=0.7)
     colour_bar(figure, mesh, axes, "gain [%]")
     axes.set_xlabel("spacing of HV 1 behind the AV at the start [m]", color=QUIET, fontsize=SIZE)

@@ -42,6 +42,10 @@ POLICIES: Final = {
     names.LOCAL_OPTIMUM_FREE_START: Look(
         "Local optimum, chosen start, free end speed", "#1F6F9E", "#74c6f2", dashed=True
     ),
+    names.LOCAL_OPTIMUM_ROBUST: Look("Robust local optimum", "#00695C", "#4fc3b5"),
+    names.LOCAL_OPTIMUM_ROBUST_FREE: Look(
+        "Robust local optimum, free end speed", "#2E7D6E", "#86d9cd", dashed=True
+    ),
 }
 
 ACCOUNTINGS: Final = {
@@ -61,6 +65,8 @@ FORMS: Final = {
     names.FREE: "Free end speed",
     names.START: "Chosen start, fixed end speed",
     names.FREE_START: "Chosen start, free end speed",
+    names.ROBUST: "Robust, fixed end speed",
+    names.ROBUST_FREE: "Robust, free end speed",
 }
 
 STATUSES: Final = {

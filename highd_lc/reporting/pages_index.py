@@ -29,6 +29,7 @@ from highd_lc.reporting.pages_data import (
 )
 from highd_lc.reporting.pages_followers import table3_section
 from highd_lc.reporting.pages_population import matrix_section, with_labels
+from highd_lc.reporting.pages_robust import hidden_words, quoted
 from highd_lc.reporting.pages_studies import pareto_section
 from highd_lc.reporting.run_words import Said
 from highd_lc.vocab import names
@@ -332,11 +333,13 @@ def _map_section(tables: SummaryTables) -> Section:
     figure = gain_map_figure(tiles, spacing, difference)
     return Section(
         "Where local optimality pays",
+        (hidden_words(tiles),),
         figure=html.inline_svg(
             figure, "Gain over spacing and speed difference of the first follower at the start."
         ),
-        caption="Every dot is an event; a tile's colour is the gain over its events. Fixed end speed, “equal”.",
-        folded=(table_view(tiles, _MAP_COLUMNS, "All tiles"),),
+        caption="Every dot is an event; a tile's colour is the gain over its events; hatched: not to be quoted. "
+        "Fixed end speed, “equal”.",
+        folded=(table_view(quoted(tiles, "gain", "gain_low", "gain_high"), _MAP_COLUMNS, "All tiles"),),
         anchor="gain-map",
     )
 
@@ -350,9 +353,10 @@ _MAP_COLUMNS: Final = (
     percentage("share_events", "Share of events", 1),
     Column("infeasible", "Infeasible", digits=0),
     Column("contacts", "Contacts", digits=0),
-    percentage("gain", "Gain"),
+    percentage("gain", "Gain, where it can be seen"),
     percentage("gain_low", "from"),
     percentage("gain_high", "to"),
+    Column("error_over_effect", "Error over effect", digits=1),
 )
 
 

@@ -204,6 +204,7 @@ def _map_section(tiles: pd.DataFrame) -> Section:
         percentage("saved_av", "of AV's loss"),
         percentage("saved_hv", "of followers' loss"),
         percentage("saved_total", "of total"),
+        Column("error_over_effect", "Error over effect", digits=1),
     )
     whole = tiles[tiles["spacing_low_m"].isna()]
     whole = whole.assign(
@@ -217,6 +218,8 @@ def _map_section(tiles: pd.DataFrame) -> Section:
     text = (
         "Against the same policy without the choice. The benchmark minimises the AV's loss, the local optimum the "
         "mean of the AV's and the followers'. Numbers in the tiles: events. Negative: it costs.",
+        "Hatched: the error in the first follower's loss is larger than the choice's effect on the followers, or "
+        "not known: what is saved there cannot be seen.",
     )
     figure = html.inline_svg(start_figure(tiles), f"{what} The table holds the totals.")
     return Section("Who waits, and for what", text, figure, what, (table_view(whole, columns),), anchor="map")

@@ -228,6 +228,9 @@ _LIKENESS_COLUMNS: Final = (
     Column("loss_error", "Mean absolute error of loss", digits=2),
     Column("contacts", "Contacts", digits=0),
     Column("contacts_recorded", "recorded", digits=0),
+    Column("nrmse_spacing", "NRMSE of spacing", digits=3),
+    Column("theil_u", "Theil's U of spacing", digits=3),
+    Column("paper_j", "Paper's J, median", digits=2),
 )
 
 

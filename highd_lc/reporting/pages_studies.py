@@ -8,7 +8,9 @@ import pandas as pd
 
 from highd_lc.reporting import figures_studies as figures
 from highd_lc.reporting import html, labels
+from highd_lc.reporting.figures_population import visible
 from highd_lc.reporting.pages_data import Column, Section, overview_page, percentage, table_view
+from highd_lc.reporting.pages_robust import quoted, robust_sections
 from highd_lc.vocab import names
 
 _WORST_SHOWN: Final = 50
@@ -27,6 +29,9 @@ class StudyTables:
     solver_summary: pd.DataFrame
     worse_for_somebody: pd.DataFrame
     tracking_summary: pd.DataFrame
+    robust_summary: pd.DataFrame
+    situation_ranking: pd.DataFrame
+    event_gains: pd.DataFrame
 
 
 def studies_page(tables: StudyTables, first: Sequence[Section] = ()) -> str:
@@ -43,6 +48,7 @@ def studies_page(tables: StudyTables, first: Sequence[Section] = ()) -> str:
 
 def _sections(tables: StudyTables) -> Iterator[Section]:
     yield from _cross_sections(tables.cross_scores)
+    yield from robust_sections(tables.robust_summary, tables.situation_ranking, tables.event_gains)
     yield _horizon_section(tables.horizon_sensitivity)
     yield _location_section(tables.leave_one_out)
     yield _uncertainty_section(tables.uncertainty)
@@ -81,7 +87,7 @@ def _cross_sections(scores: pd.DataFrame) -> Iterator[Section]:
         "planned, driven by another model, or with parameters drawn within their spread. Events in which somebody "
         "drives through another then are counted as contacts, and are in no sum.",
     )
-    for form in (*names.FORMS, *names.START_FORMS):
+    for form in (*names.FORMS, *names.START_FORMS, *names.ROBUST_FORMS):
         rows = scores[scores["form"] == form]
         if rows.empty:
             continue
@@ -277,15 +283,18 @@ def _worse_section(worse: pd.DataFrame) -> Section:
         Column("who_label", "Who loses"),
         Column("loss_benchmark", "Loss, benchmark", digits=3),
         Column("loss_local", "Loss, local optimum", digits=3),
-        percentage("increase", "Increase"),
+        percentage("increase", "Increase, where it can be seen"),
+        Column("error_over_effect", "Error over effect", digits=1),
     )
     if worse.empty:
         text = ("No event has anybody who loses by the local optimum, under no form and no accounting.",)
         return Section("Worse for somebody", text, anchor="worse")
     ranked = worse.sort_values(["increase", "event_id"], ascending=[False, True]).head(_WORST_SHOWN)
-    rows = _labelled(ranked).assign(who_label=ranked["who"].map(labels.role))
+    rows = _labelled(quoted(ranked, "increase")).assign(who_label=ranked["who"].map(labels.role))
+    clear = int(visible(worse).sum())
     text = (
         f"{worse['event_id'].nunique()} events have somebody who loses by the local optimum under some form and "
-        f"accounting ({len(worse)} cases). The {len(rows)} largest increases:",
+        f"accounting ({len(worse)} cases). In {clear} of the cases the increase is larger than "
+        f"the error in the first follower's loss. The {len(rows)} largest increases:",
     )
     return Section("Worse for somebody", text, tables=(table_view(rows, columns),), anchor="worse")

@@ -12,7 +12,6 @@ their states at that moment. Every plan is then driven among the recorded leader
 models are known in all three, so the difference is the value of perfect information about the leaders alone.
 """
 
-import hashlib
 from collections.abc import Hashable, Mapping
 from dataclasses import dataclass, replace
 from typing import Final
@@ -24,6 +23,7 @@ from highd_lc.core.losses import joint_objective
 from highd_lc.core.quintic import Quintic
 from highd_lc.planning import starts
 from highd_lc.planning.contacts import NO_CONTACT
+from highd_lc.planning.crowd import event_generator, parameter_draws, seeded_hash
 from highd_lc.planning.planner import Plan, PlanningProblem, contact_of, goals, pose
 from highd_lc.planning.pool import Goal, Pool
 from highd_lc.planning.replay import Replay
@@ -35,19 +35,9 @@ from highd_lc.planning.starts import CONTAINED, Key, StartProblem, best_of, pose
 from highd_lc.scoring import charges, cross_scores
 from highd_lc.scoring.cross_scores import Charged
 from highd_lc.vocab import names
-from highd_lc.vocab.driver import LOWER_BOUNDS, REPLAY_L_BOUNDS, UPPER_BOUNDS
 from highd_lc.vocab.policy import ACCOUNTINGS
 
 FloatArray = NDArray[np.float64]
-
-
-def event_generator(run_seed: int, event_id: str, *, purpose: str) -> np.random.Generator:
-    """The random generator of one event for one purpose, the same in every process."""
-    return np.random.default_rng(_hash(f"{run_seed}/{event_id}/{purpose}"))
-
-
-def _hash(text: str) -> int:
-    return int.from_bytes(hashlib.blake2b(text.encode(), digest_size=8).digest(), "big")
 
 
 def stratified_sample(strata: Mapping[str, Hashable], size: int, *, seed: int) -> frozenset[str]:
@@ -59,7 +49,7 @@ def stratified_sample(strata: Mapping[str, Hashable], size: int, *, seed: int) -
     if size >= len(strata):
         return frozenset(strata)
     members: dict[Hashable, list[str]] = {}
-    for event in sorted(strata, key=lambda event: (_hash(f"{seed}/{event}/sample"), event)):
+    for event in sorted(strata, key=lambda event: (seeded_hash(f"{seed}/{event}/sample"), event)):
         members.setdefault(strata[event], []).append(event)
     quotas = {stratum: size * len(events) / len(strata) for stratum, events in members.items()}
     seats = {stratum: int(quota) for stratum, quota in quotas.items()}
@@ -67,23 +57,6 @@ def stratified_sample(strata: Mapping[str, Hashable], size: int, *, seed: int) -
     for stratum in by_remainder[: size - sum(seats.values())]:
         seats[stratum] += 1
     return frozenset(event for stratum, events in members.items() for event in events[: seats[stratum]])
-
-
-def parameter_draws(
-    parameters: FloatArray, spread: FloatArray, count: int, rng: np.random.Generator
-) -> FloatArray:
-    """LCM parameters drawn about those of each follower, shape (count, p, 6).
-
-    Normal with the standard deviations ``spread``, each parameter by itself, cut to the bounds of the calibration
-    (L to those of the replay). parameters, spread: shape (p, 6). A spread of 0 leaves a parameter as it is.
-    """
-    low, high = LOWER_BOUNDS.as_array(), UPPER_BOUNDS.as_array()
-    low[-1], high[-1] = REPLAY_L_BOUNDS
-    # Followers beyond the bounds (L of a long leader, the population) are drawn about what they have.
-    low = np.where(parameters < low, np.maximum(parameters - 2.0 * spread, 0.1 * parameters), low)
-    high = np.where(parameters > high, parameters + 2.0 * spread, high)
-    drawn = parameters + spread * rng.standard_normal((count, *parameters.shape))
-    return np.clip(drawn, low, high)
 
 
 Losses = tuple[float, float]

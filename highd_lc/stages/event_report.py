@@ -261,7 +261,7 @@ _READ: Final = ("plans", "losses", "tracking")
 @dataclass(frozen=True)
 class RecordingTables:
     """What the artefacts hold of one recording; tracks by event and role, other rows by table and event; behind:
-    rows of ``trajectories`` behind the recorded ego, by event.
+    rows of ``trajectories`` behind the recorded ego, by event; identified: rows of ``identifiability``.
     """
 
     scenes: SceneTables
@@ -272,6 +272,7 @@ class RecordingTables:
     markings: Mapping[int, FloatArray]
     rows: Mapping[str, Mapping[str, tuple[Row, ...]]]
     behind: Mapping[str, pd.DataFrame]
+    identified: Mapping[str, Row]
     provenance: tuple[tuple[str, str], ...]
 
 
@@ -282,6 +283,7 @@ def read_tables(job: Job) -> RecordingTables:
     ids, directions = (scenes.vehicles[name].tolist() for name in ("vehicle_id", "driving_direction"))
     default = job.settings.validation.follower_models[0]
     found = {name: artefacts.read(job.work, name, recording=job.recording) for name in _READ}
+    identified: list[Any] = artefacts.read(job.work, "identifiability").to_dict("records")
     recorded = [("policy", "==", RECORDED)]
     behind = artefacts.read_partition(job.work, "trajectories", job.recording, where=recorded)
     rows = {name: _by_event(frame[frame["followers"] == default]) for name, frame in found.items()}
@@ -294,6 +296,7 @@ def read_tables(job: Job) -> RecordingTables:
         directions=dict(zip(ids, directions, strict=True)),
         markings=dict(zip(roads["driving_direction"], roads["markings"], strict=True)),
         rows={**rows, "followers": _by_event(scenes.followers)},
+        identified={row["parameter"]: row for row in identified},
         behind={str(event): rows for event, rows in behind.groupby("event_id")},
         provenance=_provenance(job),
     )
@@ -352,6 +355,7 @@ def event_report(event: Row, tables: RecordingTables, scene: Scene, settings: Va
         surface=surface_of(problem, of_event["plans"]),
         provenance=tables.provenance,
         leads=leads(scene),
+        identified=tables.identified,
         prediction=prediction_trace(tables.behind.get(event_id), settings.follower_models[0]),
     )
 

@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 
 from highd_lc.drivers.identifiability import Identifiability, PoolingStudy, verdict
 from highd_lc.scoring.population import Bootstrap, ratio_interval, shares
-from highd_lc.stages.statistics import PolicyLosses
+from highd_lc.stages.statistics import PolicyLosses, seen
 from highd_lc.vocab import names
 from highd_lc.vocab.driver import PARAMETERS, TABLE3_MEANS, TABLE3_QUANTILES
-from highd_lc.vocab.policy import CHOOSING_START, PAIRS, POLICIES
+from highd_lc.vocab.policy import CHOOSING_START, PAIRS, POLICIES, ROBUST_PAIRS
 from highd_lc.vocab.sections import StatisticsSettings
 from highd_lc.vocab.tables import TABLES
 from highd_lc.vocab.tables.studies import SECOND_OPINIONS, TOGETHER
@@ -181,7 +181,8 @@ def cross_scores(
     """
     rows = []
     for planned_with in models:
-        for scored_with in dict.fromkeys((planned_with, *models, *SECOND_OPINIONS)):
+        own = cross.loc[cross["planned_with"] == planned_with, "scored_with"]
+        for scored_with in dict.fromkeys((planned_with, *models, *SECOND_OPINIONS, *sorted(own.unique()))):
             chosen = cross[(cross["planned_with"] == planned_with) & (cross["scored_with"] == scored_with)]
             about = {"planned_with": planned_with, "scored_with": scored_with}
             rows += [about | row for row in _cross_cells(chosen, statistics, seed)]
@@ -190,7 +191,7 @@ def cross_scores(
 
 def _cross_cells(cross: pd.DataFrame, statistics: StatisticsSettings, seed: int) -> Iterator[Row]:
     """Every form, accounting optimised and accounting scored. cross: rows of one pair of follower models."""
-    for form, (benchmark, local) in PAIRS.items():
+    for form, (benchmark, local) in (PAIRS | ROBUST_PAIRS).items():
         for optimised in names.ACCOUNTINGS:
             chosen = cross[cross["accounting"] == optimised].set_index("event_id")
             one, other = (chosen[chosen["policy"] == policy] for policy in (local, benchmark))
@@ -224,7 +225,9 @@ def gain_map(
     for about, pair in _pairs(losses):
         for edges, inside in tiles(events.loc[pair.index]):
             row = about | edges | {"share_events": len(inside) / len(pair)}
-            rows.append(row | gain_columns(pair.iloc[inside], statistics, seed=seed))
+            of_tile = pair.iloc[inside]
+            row |= seen(of_tile["hv_1"] - of_tile["hv_0"], losses.error)
+            rows.append(row | gain_columns(of_tile, statistics, seed=seed))
     return _frame("gain_map", rows)
 
 
@@ -283,6 +286,8 @@ def worse_for_somebody(losses: PolicyLosses, statistics: StatisticsSettings) -> 
                         "loss_local": local,
                         "increase": local / benchmark - 1.0,
                     }
+                    error = float(losses.error.get(event.Index, np.nan))
+                    of_party |= {"error": error, "error_over_effect": error / (local - benchmark)}
                     rows.append(about | of_event | of_party)
     return _frame("worse_for_somebody", rows)
 
@@ -340,10 +345,10 @@ def start_map(events: pd.DataFrame, plans: pd.DataFrame, losses: PolicyLosses) -
             if pair.empty:
                 continue
             about = {"policy": policy, "accounting": accounting}
-            rows.append(about | _tile(pair))
+            rows.append(about | _tile(pair, losses.error))
             for edges, inside in tiles(events.loc[pair.index]):
                 share = {"share_events": len(inside) / len(pair)}
-                rows.append(about | edges | _tile(pair.iloc[inside]) | share)
+                rows.append(about | edges | _tile(pair.iloc[inside], losses.error) | share)
     return pd.DataFrame(rows, columns=list(TABLES["start_map"].column_names))
 
 
@@ -357,7 +362,7 @@ def _pair(plans: pd.DataFrame, losses: PolicyLosses, policy: str, contained: str
     return pair.dropna(subset=["objective", "objective_0"])
 
 
-def _tile(pair: pd.DataFrame) -> dict[str, Any]:
+def _tile(pair: pd.DataFrame, error: pd.Series) -> dict[str, Any]:
     waiting = pair["delay_s"] > 0.0
     row = {
         "share_events": 1.0,
@@ -369,4 +374,4 @@ def _tile(pair: pd.DataFrame) -> dict[str, Any]:
     for name in ("objective", *_LOSSES):
         ratio = pair[name].sum() / pair[f"{name}_0"].sum()
         row[f"saved_{name.removeprefix('loss_')}"] = float(1.0 - ratio)
-    return row
+    return row | seen(pair["loss_hv"] - pair["loss_hv_0"], error)

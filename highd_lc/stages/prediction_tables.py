@@ -75,7 +75,14 @@ def prediction_summary(table: pd.DataFrame, default: str, *, confidence: float) 
     return pd.DataFrame(rows, columns=columns).sort_values(["model", "stratum", "horizon_s"], ignore_index=True)
 
 
-_MEANS = ("peak_decel_simulated", "peak_decel_recorded", "comfort_simulated", "comfort_recorded")
+_MEANS = (
+    "peak_decel_simulated",
+    "peak_decel_recorded",
+    "comfort_simulated",
+    "comfort_recorded",
+    "nrmse_spacing",
+    "theil_u",
+)
 _ENDS = ("", "_low", "_high")
 
 
@@ -126,6 +133,8 @@ def _motion(own: pd.DataFrame) -> Row:
     """Means of a model's motion over the events without its contacts, and the contacts, also the recorded ones."""
     usable = own[~own["contact"].to_numpy(bool)]
     row: Row = {name: float(usable[name].mean()) for name in _MEANS}
+    # A driver that hardly accelerates has a J of any size: the middle one is told.
+    row["paper_j"] = float(usable["paper_j"].median())
     row["loss_error"] = float((usable["loss_simulated"] - usable["loss_recorded"]).abs().mean())
     row["contacts"] = len(own) - len(usable)
     row["contacts_recorded"] = int(own["contact_recorded"].sum())

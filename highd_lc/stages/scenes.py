@@ -68,17 +68,23 @@ def of_own_fits(settings: ValidateSettings) -> ValidateSettings:
 
 
 def read_scene_tables(
-    work: Path, recording: int, settings: ValidateSettings, *, fits: pd.DataFrame | None = None
+    work: Path,
+    recording: int,
+    settings: ValidateSettings,
+    *,
+    fits: pd.DataFrame | None = None,
+    also: tuple[str, ...] = (),
 ) -> SceneTables:
     """Read what the scenes of a recording are made from.
 
     fits: its rows of ``followers``, where the artefact does not exist yet; they are its only follower model then.
+    also: follower models that plan nothing.
     Raises ArtefactError if an artefact is missing, or does not hold a follower model of the settings.
     """
     rows = artefacts.read(work, "event_tracks", recording=recording)
     vehicles = artefacts.read(work, "vehicles", recording=recording)
     followers = artefacts.read(work, "followers", recording=recording) if fits is None else fits
-    models = settings.follower_models if fits is None else (names.OWN_FIT,)
+    models = dict.fromkeys((*settings.follower_models, *also)) if fits is None else (names.OWN_FIT,)
     events = artefacts.read(work, "events", recording=recording)
     sizes = zip(vehicles["length"], vehicles["width"], strict=True)
     return SceneTables(

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from highd_lc.io import artefacts
 from highd_lc.scoring.population import Bootstrap, hodges_lehmann, mean_interval, ratio_interval, shares
 from highd_lc.vocab import names
-from highd_lc.vocab.policy import PAIRS
+from highd_lc.vocab.policy import PAIRS, ROBUST_PAIRS
 from highd_lc.vocab.sections import StatisticsSettings
 from highd_lc.vocab.tables import TABLES
 
@@ -21,6 +21,8 @@ _COMPARED = (
     *((local, benchmark) for benchmark, local in PAIRS.values()),
     (names.BENCHMARK_START, names.BENCHMARK),
     (names.LOCAL_OPTIMUM_START, names.LOCAL_OPTIMUM),
+    (names.LOCAL_OPTIMUM_ROBUST, names.LOCAL_OPTIMUM),
+    (names.LOCAL_OPTIMUM_ROBUST_FREE, names.LOCAL_OPTIMUM_FREE),
     (names.LOCAL_OPTIMUM, names.HUMAN),
     (names.BENCHMARK, names.HUMAN),
     (names.LOCAL_OPTIMUM, names.NO_LANE_CHANGE),
@@ -116,9 +118,13 @@ def _range(low: float, high: float) -> str:
 
 
 class PolicyLosses:
-    """The losses of a population, split by accounting and policy once. losses: the artefact."""
+    """The losses of a population, split by accounting and policy once.
 
-    def __init__(self, losses: pd.DataFrame) -> None:
+    losses: the artefact, of one follower model; error: how much that model misses HV_1's loss (``loss_errors``).
+    """
+
+    def __init__(self, losses: pd.DataFrame, error: pd.Series | None = None) -> None:
+        self.error = pd.Series(dtype=float) if error is None else error
         self._columns = losses.columns.drop("event_id")
         self._of = {
             (str(accounting), str(policy)): rows.set_index("event_id")
@@ -142,6 +148,32 @@ class PolicyLosses:
         return pair.assign(contact=pair["contact_1"].ne("") | pair["contact_0"].ne(""))
 
 
+_JUDGED_S = 8.0
+"""Time over which the error in HV_1's loss is taken [s]."""
+
+
+def loss_errors(prediction: pd.DataFrame, model: str) -> pd.Series:
+    """By event, how much a follower model misses HV_1's loss over 8 s behind the recorded ego, where that is seen.
+
+    prediction: the artefact. Events with a contact in it have none.
+    """
+    rows = prediction[(prediction["model"] == model) & (prediction["follower"] == 1) & ~prediction["contact"]]
+    rows = rows[np.isclose(rows["horizon_s"], _JUDGED_S)].set_index("event_id")
+    return (rows["loss_simulated"] - rows["loss_recorded"]).abs().dropna()
+
+
+def seen(change: pd.Series, error: pd.Series) -> dict[str, float]:
+    """What tells whether a gain may be quoted: mean absolute effect and error, and their ratio.
+
+    change: of the followers' loss by the policy, by event; error: see ``loss_errors``. Unknown is NaN; so is the
+    ratio to no effect.
+    """
+    effect = float(change.abs().mean()) if change.notna().any() else np.nan
+    known = error.reindex(change.index).dropna()
+    missed = float(known.mean()) if len(known) else np.nan
+    return {"effect": effect, "error": missed, "error_over_effect": missed / effect if effect > 0.0 else np.nan}
+
+
 def validation_matrix(
     events: pd.DataFrame, losses: PolicyLosses, settings: StatisticsSettings, *, seed: int
 ) -> pd.DataFrame:
@@ -154,7 +186,7 @@ def validation_matrix(
     bootstrap = Bootstrap(settings.bootstrap, settings.confidence, seed)
     members = strata(events)
     rows = []
-    for form, (benchmark, local) in PAIRS.items():
+    for form, (benchmark, local) in (PAIRS | ROBUST_PAIRS).items():
         for accounting in names.ACCOUNTINGS:
             pair = losses.pair(accounting, local, benchmark)
             if pair.empty:

@@ -14,6 +14,7 @@ from highd_lc.planning import planner
 from highd_lc.planning.limits import first_contact, pairs
 from highd_lc.planning.planner import Plan, PlanningProblem
 from highd_lc.planning.replay import Replay
+from highd_lc.planning.robust import RobustProblem, plan_robust
 from highd_lc.planning.scene import Scene, target_leader_lengths
 from highd_lc.planning.start_planner import plan_starts
 from highd_lc.scoring import charges
@@ -36,7 +37,13 @@ from highd_lc.stages.scenes import (
     recorded_motions,
     scene_makers,
 )
-from highd_lc.stages.statistics import PolicyLosses, situations, summarise_losses, validation_matrix
+from highd_lc.stages.statistics import (
+    PolicyLosses,
+    loss_errors,
+    situations,
+    summarise_losses,
+    validation_matrix,
+)
 from highd_lc.stages.trajectories import (
     JudgedDrivers,
     Trace,
@@ -44,6 +51,15 @@ from highd_lc.stages.trajectories import (
     planned_traces,
     recorded_traces,
     write_traces,
+)
+from highd_lc.stages.validate_robust import (
+    Judges,
+    crowd_for,
+    event_gains,
+    judges_of,
+    robust_summary,
+    situation_ranking,
+    trackers_of,
 )
 from highd_lc.stages.validate_samples import (
     Planned,
@@ -85,12 +101,13 @@ def run(job: Job) -> JobReport:
     rows: dict[str, list[Row]] = {name: [] for name in PART_TABLES}
     traces: list[Trace] = []
     problems = []
-    tables = read_scene_tables(job.work, job.recording, settings)
+    judges = judges_of(job.work, settings)
+    tables = read_scene_tables(job.work, job.recording, settings, also=judges.every)
     judged = judged_drivers(job.work, job.recording) if chosen.traced else {}
     makers = scene_makers(tables, settings)
     for event, (event_id, scene_of) in zip(tables.events.itertuples(), makers, strict=True):
         try:
-            planned = _planned(scene_of(), tables, job, chosen)
+            planned = _planned(scene_of(), tables, job, chosen, judges)
             found = list(_event_rows(planned, job, chosen))
             traced = list(_traces(event, planned, tables, settings, judged)) if event_id in chosen.traced else []
         except Exception as error:
@@ -110,7 +127,7 @@ def _frame(name: str, rows: list[Row]) -> pd.DataFrame:
     return pd.DataFrame(rows, columns=list(TABLES[name].column_names), dtype=None if rows else object)
 
 
-def _planned(scene: Scene, tables: SceneTables, job: Job, chosen: Samples) -> list[Planned]:
+def _planned(scene: Scene, tables: SceneTables, job: Job, chosen: Samples, judges: Judges) -> list[Planned]:
     """The event as planned with each follower model that plans it, the default one first."""
     default, *others = job.settings.validation.follower_models
     found = []
@@ -120,8 +137,14 @@ def _planned(scene: Scene, tables: SceneTables, job: Job, chosen: Samples) -> li
         plans = planner.plan_all(problem)
         if scene.event_id in chosen.started:
             plans += plan_starts(problem)
-        heavy = model == default and scene.event_id in chosen.multi_body
-        found.append(Planned(model, PlanTracker(problem), plans, heavy))
+        heavy, judging = False, {}
+        if model == default:
+            heavy = scene.event_id in chosen.multi_body
+            if scene.event_id in chosen.robust:
+                judging = trackers_of(problem, judges, tables)
+                crowd = crowd_for(problem, judging, judges, seed=job.settings.seed)
+                plans += plan_robust(RobustProblem(problem, crowd))
+        found.append(Planned(model, PlanTracker(problem), plans, heavy, judging))
     return found
 
 
@@ -131,7 +154,7 @@ def _event_rows(planned: list[Planned], job: Job, chosen: Samples) -> Iterator[t
             yield name, {"followers": one.model, **row}
         study = Study(one.tracker.problem, one.plans, job.settings.seed, one.model)
         others = {other.model: other.tracker for other in planned if other is not one}
-        for row in cross_rows(study, others):
+        for row in cross_rows(study, others, one.judges):
             yield "cross_losses", row
         if one is planned[0]:
             yield from _study_rows(study, chosen)
@@ -344,7 +367,10 @@ def _population(combination: Combination, events: pd.DataFrame) -> Iterator[tupl
     work, settings, seed = combination.work, combination.settings.validation.statistics, combination.settings.seed
     models = combination.settings.validation.follower_models
     losses = artefacts.read(work, "losses")
-    of_model = {model: PolicyLosses(losses[losses["followers"] == model]) for model in models}
+    missed = artefacts.read(work, "prediction")
+    of_model = {
+        model: PolicyLosses(losses[losses["followers"] == model], loss_errors(missed, model)) for model in models
+    }
     each = partial(_of_each_model, of_model)
     yield "validation_matrix", each(lambda one: validation_matrix(events, one, settings=settings, seed=seed))
     yield "summary_losses", each(lambda one: summarise_losses(one, settings=settings, seed=seed))
@@ -352,6 +378,12 @@ def _population(combination: Combination, events: pd.DataFrame) -> Iterator[tupl
     yield "gain_map", each(lambda one: gain_map(events, one, settings, seed=seed))
     yield "leave_one_out", each(lambda one: leave_one_out(events, one, settings, seed=seed))
     yield "cross_scores", cross_scores(artefacts.read(work, "cross_losses"), models, settings, seed=seed)
+    skilful = (models[0], *judges_of(work, combination.settings.validation).skilful)
+    planned = _of_default(work, "cross_losses", models, column="planned_with")
+    gains = event_gains(planned, skilful)
+    yield "event_gains", gains
+    yield "situation_ranking", situation_ranking(events, gains, of_model[models[0]])
+    yield "robust_summary", robust_summary(planned, skilful, settings, seed=seed)
     yield "horizon_sensitivity", horizon_sensitivity(artefacts.read(work, "horizon_losses"), settings, seed=seed)
     yield "start_map", start_map(events, _of_default(work, "plans", models), of_model[models[0]])
     yield "foresight_summary", foresight_summary(artefacts.read(work, "foresight"), settings, seed=seed)
@@ -368,7 +400,7 @@ def _of_each_model(
     return pd.concat(filled, ignore_index=True) if filled else found[0]
 
 
-def _of_default(work: Path, name: str, models: Sequence[str]) -> pd.DataFrame:
-    """The rows of an artefact that the default follower model made."""
+def _of_default(work: Path, name: str, models: Sequence[str], *, column: str = "followers") -> pd.DataFrame:
+    """The rows of an artefact that the default follower model made. column: which names the model."""
     frame = artefacts.read(work, name)
-    return frame[frame["followers"] == models[0]]
+    return frame[frame[column] == models[0]]

@@ -7,8 +7,8 @@ What tracking makes of the plans: planned against tracked by policy and plant.
 Rows of the table of tracking: every plan of the primary accounting on the bicycle, a sample on both cars.
 """
 
-from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache, partial
 from pathlib import Path
 from typing import Any
@@ -45,7 +45,8 @@ _MOST_FOLLOWERS = 3
 class Samples:
     """Ids of the events that are studied, of those on which the solvers are compared, of those whose start is
     chosen as well, of those among them that are planned with predicted leaders, of those whose plans the
-    multi-body car drives, of those that the further follower models plan too, and of those with written motions.
+    multi-body car drives, of those that the further follower models plan too, of those planned robustly as
+    well, and of those with written motions.
     """
 
     studied: frozenset[str]
@@ -54,6 +55,7 @@ class Samples:
     foreseen: frozenset[str]
     multi_body: frozenset[str]
     also: frozenset[str]
+    robust: frozenset[str]
     traced: frozenset[str]
 
 
@@ -64,7 +66,7 @@ def samples(job: Job) -> Samples:
     drawn = _drawn(job.work, drawn_at, settings, job.settings.seed)
     if not settings.studies.chosen:
         return drawn
-    studies = ("studied", "compared", "started", "foreseen", "multi_body")
+    studies = ("studied", "compared", "started", "foreseen", "multi_body", "robust")
     return replace(drawn, **dict.fromkeys(studies, frozenset(settings.studies.chosen)))
 
 
@@ -88,6 +90,7 @@ def _drawn(work: Path, written: int, settings: ValidateSettings, seed: int) -> S
         foreseen=stratified_sample(starts, studies.foresight_sample, seed=seed),
         multi_body=sample(studies.multibody_sample),
         also=sample(settings.followers.also_sample),
+        robust=sample(settings.robust.sample),
         traced=sample(_ALL if every else _TRACED[settings.trajectories]),
     )
 
@@ -224,12 +227,17 @@ Drive = tuple[Plan, str, DrivenPlan | None]
 
 @dataclass(frozen=True)
 class Planned:
-    """An event as planned with a follower model. multi_body: whether the multi-body car drives the plans too."""
+    """An event as planned with a follower model.
+
+    multi_body: whether the multi-body car drives the plans too; judges: the event with other follower models that
+    plan nothing.
+    """
 
     model: str
     tracker: PlanTracker
     plans: list[Plan]
     multi_body: bool
+    judges: Mapping[str, PlanTracker] = field(default_factory=dict)
 
     @cached_property
     def drives(self) -> list[Drive]:

@@ -13,6 +13,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from highd_lc.planning import sqp
+from highd_lc.planning.crowd import event_generator
 from highd_lc.planning.planner import Plan, PlanningProblem, contact_of, made_once
 from highd_lc.planning.pool import Goal, Pool
 from highd_lc.planning.search import search
@@ -23,7 +24,6 @@ from highd_lc.scoring.uncertainty import (
     Cell,
     Driven,
     Losses,
-    event_generator,
     optima,
     with_horizon,
     with_predicted,
@@ -164,22 +164,29 @@ def _foreseen(driven: Driven) -> Row:
     return row | {"delay_s": choice.delay_s, "gap": choice.gap, "T": choice.T}
 
 
-def cross_rows(study: Study, others: Mapping[str, PlanTracker]) -> Iterator[Row]:
+def cross_rows(
+    study: Study, others: Mapping[str, PlanTracker], judges: Mapping[str, PlanTracker] | None = None
+) -> Iterator[Row]:
     """Rows of ``cross_losses``: every optimal plan charged to T and to H, with each model of the followers.
 
-    others: the event posed with the other follower models that score.
+    others: the event posed with the other follower models that score; judges: with further ones, for the plans
+    that start at t_start.
     """
     by_others = {model: _of_each(study.played, partial(_scored_by, other)) for model, other in others.items()}
+    at_start = {cell: plan for cell, plan in study.played.items() if not POLICIES[plan.policy].chooses_start}
+    further = {m: judge for m, judge in (judges or {}).items() if m not in others}
+    by_judges = {model: _of_each(at_start, partial(_scored_by, judge)) for model, judge in further.items()}
     for (policy, accounting), plan in study.optimal.items():
         row: Row = {"policy": policy, "accounting": accounting, "planned_with": study.model}
+        scoring = by_others if POLICIES[policy].chooses_start else by_others | by_judges
         if plan.replay is None:
-            for model in (study.model, *SECOND_OPINIONS, *others):
+            for model in (study.model, *SECOND_OPINIONS, *scoring):
                 yield row | {"scored_with": model, "contacts_to_T": 0, "contacts_to_H": 0}
             continue
         row["contact_after_T"] = bool((plan.replay.clearance_after_T < 0.0).any())
         counterpart = study.rescored[COUNTERPART[policy], accounting]
         scored = _as_planned(study, (policy, accounting), counterpart)
-        scored |= {model: found[policy, accounting] for model, found in by_others.items()}
+        scored |= {model: found[policy, accounting] for model, found in scoring.items()}
         for model, losses in scored.items():
             yield row | {"scored_with": model} | losses
 

@@ -37,12 +37,18 @@ BENCHMARK_START: Final = "benchmark_start"
 LOCAL_OPTIMUM_START: Final = "local_optimum_start"
 BENCHMARK_FREE_START: Final = "benchmark_free_start"
 LOCAL_OPTIMUM_FREE_START: Final = "local_optimum_free_start"
+LOCAL_OPTIMUM_ROBUST: Final = "local_optimum_robust"
+LOCAL_OPTIMUM_ROBUST_FREE: Final = "local_optimum_robust_free"
 REFERENCE_POLICIES: Final = (NO_LANE_CHANGE, CONSTANT, HUMAN)
 FIXED_POLICIES: Final = (BENCHMARK, LOCAL_OPTIMUM)
 FREE_POLICIES: Final = (BENCHMARK_FREE, LOCAL_OPTIMUM_FREE)
 START_POLICIES: Final = (BENCHMARK_START, LOCAL_OPTIMUM_START)
 FREE_START_POLICIES: Final = (BENCHMARK_FREE_START, LOCAL_OPTIMUM_FREE_START)
-POLICIES: Final = REFERENCE_POLICIES + FIXED_POLICIES + FREE_POLICIES + START_POLICIES + FREE_START_POLICIES
+# The local optimum of who does not know the followers (equations.md 7.4), with a fixed and with a free end speed.
+ROBUST_POLICIES: Final = (LOCAL_OPTIMUM_ROBUST, LOCAL_OPTIMUM_ROBUST_FREE)
+POLICIES: Final = (
+    REFERENCE_POLICIES + FIXED_POLICIES + FREE_POLICIES + START_POLICIES + FREE_START_POLICIES + ROBUST_POLICIES
+)
 
 # Forms of the plan: end speed equal to the start speed, or free (equations.md 2.2).
 FIXED: Final = "fixed"
@@ -52,6 +58,10 @@ FORMS: Final = (FIXED, FREE)
 START: Final = "start"
 FREE_START: Final = "free_start"
 START_FORMS: Final = (START, FREE_START)
+# The fixed and the free form as planned by who does not know the followers.
+ROBUST: Final = "robust"
+ROBUST_FREE: Final = "robust_free"
+ROBUST_FORMS: Final = (ROBUST, ROBUST_FREE)
 
 # Gaps on the target lane: the recorded one, behind a follower that passes, ahead of the target leader.
 RECORDED_GAP: Final = "recorded"

@@ -35,13 +35,15 @@ class Policy:
 
     form: end speed fixed or free; "" for a reference, which is not searched. weighs_followers: whether the
     followers' loss counts beside the AV's (omega_AV below 1). chooses_start: whether moment and gap are unknowns
-    as well.
+    as well. robust: whether the followers are unknown, so that their loss is one over a crowd of drivers
+    (equations.md 7.4).
     """
 
     name: str
     form: str = ""
     weighs_followers: bool = False
     chooses_start: bool = False
+    robust: bool = False
 
     @property
     def searched(self) -> bool:
@@ -51,6 +53,8 @@ class Policy:
     @property
     def comparison(self) -> str:
         """Its form in the tables, the choice of the start included; "" for a reference."""
+        if self.robust:
+            return _FORM_OF_ROBUST[self.form]
         return _FORM_OF_START[self.form] if self.chooses_start else self.form
 
     def omega_av(self, joint: float) -> float:
@@ -60,9 +64,10 @@ class Policy:
     @property
     def counterpart(self) -> str:
         """With which policy of the same form it is compared: benchmark with local optimum; "" for a reference."""
+        plain = self.name.replace(names.LOCAL_OPTIMUM_ROBUST, names.LOCAL_OPTIMUM)
         pair = (names.BENCHMARK, names.LOCAL_OPTIMUM)
         mine, other = pair[::-1] if self.weighs_followers else pair
-        return self.name.replace(mine, other) if self.searched else ""
+        return plain.replace(mine, other) if self.searched else ""
 
     @property
     def without_choice(self) -> str:
@@ -75,6 +80,7 @@ class Policy:
         )
 
 
+_FORM_OF_ROBUST: Final = {names.FIXED: names.ROBUST, names.FREE: names.ROBUST_FREE}
 _FORM_OF_START: Final = {names.FIXED: names.START, names.FREE: names.FREE_START}
 POLICIES: Final = {
     policy.name: policy
@@ -90,6 +96,8 @@ POLICIES: Final = {
         Policy(names.LOCAL_OPTIMUM_START, names.FIXED, weighs_followers=True, chooses_start=True),
         Policy(names.BENCHMARK_FREE_START, names.FREE, chooses_start=True),
         Policy(names.LOCAL_OPTIMUM_FREE_START, names.FREE, weighs_followers=True, chooses_start=True),
+        Policy(names.LOCAL_OPTIMUM_ROBUST, names.FIXED, weighs_followers=True, robust=True),
+        Policy(names.LOCAL_OPTIMUM_ROBUST_FREE, names.FREE, weighs_followers=True, robust=True),
     )
 }
 
@@ -97,7 +105,10 @@ OPTIMAL_POLICIES: Final = tuple(name for name, policy in POLICIES.items() if pol
 """Whose motions are searched."""
 CHOOSING_START: Final = tuple(name for name, policy in POLICIES.items() if policy.chooses_start)
 """Of these, those that choose when to start and into which gap."""
-PAIRS: Final = {
+_PAIRS: Final = {
     policy.comparison: (policy.counterpart, policy.name) for policy in POLICIES.values() if policy.weighs_followers
 }
+PAIRS: Final = {form: pair for form, pair in _PAIRS.items() if form not in names.ROBUST_FORMS}
 """The policies that each form compares: benchmark, local optimum."""
+ROBUST_PAIRS: Final = {form: pair for form, pair in _PAIRS.items() if form in names.ROBUST_FORMS}
+"""The same of plans for unknown followers, which are made on a sample of the events."""

@@ -142,6 +142,43 @@ class StatisticsSettings(BaseModel):
     tie_band: Annotated[float, Field(ge=0, lt=1, description="relative difference that counts as a tie")] = 0.001
 
 
+class RobustSettings(BaseModel):
+    """The local optimum of who does not know the followers (equations.md 7.4)."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    sample: Annotated[
+        int, Field(ge=0, le=100000, description="events planned so, stratified and seeded; 0 = none")
+    ] = 500
+    draws: Annotated[
+        int,
+        Field(
+            ge=1,
+            le=100,
+            description="K: whom the followers may be: the first as the model has them, common to all plans",
+        ),
+    ] = 8
+    aggregate: Annotated[
+        Literal["mean", "worst"],
+        Field(description="what is minimised: the mean over the draws, or that of the worst of them"),
+    ] = "mean"
+    worst_share: Annotated[
+        float, Field(gt=0, le=1, description="share of the draws that count as the worst of them")
+    ] = 0.25
+
+    contacts: Annotated[
+        Literal["own", "any"],
+        Field(
+            description="contacts that reject a plan: with the model's own drivers, as elsewhere, or with any draw"
+        ),
+    ] = "own"
+
+    @property
+    def share(self) -> float:
+        """Share of the draws whose losses count, the largest ones."""
+        return 1.0 if self.aggregate == "mean" else self.worst_share
+
+
 class StudySettings(BaseModel):
     """Scores under what was not optimised, and studies on a stratified, seeded sample (equations.md 12)."""
 

@@ -8,7 +8,7 @@ from highd_lc.vocab import names
 from highd_lc.vocab.driver import TABLE3_MEANS
 from highd_lc.vocab.errors import SettingsError
 from highd_lc.vocab.follower_names import parse
-from highd_lc.vocab.sections import RecorderSettings, StatisticsSettings, StudySettings
+from highd_lc.vocab.sections import RecorderSettings, RobustSettings, StatisticsSettings, StudySettings
 from highd_lc.vocab.tracking import TrackingSettings
 
 
@@ -144,6 +144,10 @@ class CalibrateSettings(Section):
     pooling_strength: Annotated[
         float, Field(ge=0, le=1, description="strength of that penalty; 0 = by cross-validation on the sample")
     ] = 0.0
+    pool_election: Annotated[
+        Literal["inside", "all"],
+        Field(description="who may become a pool's driver: fits with the fewest parameters on bounds, or all"),
+    ] = "inside"
     study_sample: Annotated[
         int, Field(ge=0, le=100000, description="fitted followers whose identifiability is studied")
     ] = 40
@@ -335,6 +339,7 @@ class ValidateSettings(Section):
     tracking: TrackingSettings = TrackingSettings()
     statistics: StatisticsSettings = StatisticsSettings()
     studies: StudySettings = StudySettings()
+    robust: RobustSettings = RobustSettings()
     trajectories: Annotated[
         Literal["auto", "all", "sample", "none"],
         Field(description="events whose motions are written; auto = all up to 1,000 events, then a sample of 500"),

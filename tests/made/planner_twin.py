@@ -44,8 +44,15 @@ def command(
     return A * (1 - (v / v_desire) ** 4 - (wanted / np.maximum(spacing - length, 0.1)) ** 2)
 
 
-def evaluate(n: IntArray, delta: FloatArray, change: FloatArray, scene: PackedScene, terms: LossTerms) -> Outcomes:
-    """Losses and first contacts of candidates, each of shape (rows, candidates)."""
+def evaluate(
+    n: IntArray,
+    delta: FloatArray,
+    change: FloatArray,
+    scene: PackedScene,
+    terms: LossTerms,
+    crowd: None = None,
+) -> Outcomes:
+    """Losses and first contacts of candidates, each of shape (rows, candidates). crowd: none here."""
     shape = delta.shape
     n, delta, change = np.repeat(n, shape[1]), delta.ravel(), change.ravel()
     x, vx, y, vy, av_T, av_H = _av(n, delta, change, scene, terms)

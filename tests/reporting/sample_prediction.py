@@ -44,6 +44,8 @@ def prediction(n: int = 40, recordings: int = 6, *, seed: int = 3) -> pd.DataFra
                 "comfort_simulated": 2 + scale, "comfort_recorded": 2.0,
                 "loss_simulated": 9.0 + scale * (k + 1) / n * h, "loss_recorded": 9.0, "contact": False,
                 "contact_recorded": False,
+                "nrmse_spacing": 0.02 + abs(error) / 100, "theil_u": 0.01 + abs(error) / 200,
+                "paper_j": 0.5 + scale,
             })  # fmt: skip
     return pd.DataFrame(rows, columns=list(TABLES["prediction"].column_names))
 
@@ -76,8 +78,9 @@ def _row(stratum, cell, *, intervals):
     ends = {f"{name}{end}": v + s * half for name, v in values.items() for end, s in (("_low", -1), ("_high", 1))}
     means = {
         name: mine[name].mean()
-        for name in ("peak_decel_simulated", "peak_decel_recorded", "comfort_simulated", "comfort_recorded")
-    }
+        for name in ("peak_decel_simulated", "peak_decel_recorded", "comfort_simulated", "comfort_recorded",
+                     "nrmse_spacing", "theil_u", "paper_j")
+    }  # fmt: skip
     return {
         "model": model, "stratum": stratum, "horizon_s": h, "n_events": len(mine), **values, **ends, **means,
         "best_naive": best, "loss_error": (mine["loss_simulated"] - mine["loss_recorded"]).abs().mean(),

@@ -8,6 +8,7 @@ import pandas as pd
 
 from highd_lc.reporting.pages_studies import StudyTables
 from highd_lc.vocab import names
+from highd_lc.vocab.tables.robust import EXPECTED, WORST
 from highd_lc.vocab.tables.studies import FRONT, SECOND_OPINIONS, SWEEP
 
 
@@ -17,8 +18,14 @@ def gains(k: int) -> dict[str, float]:
     return {
         "n_events": 40 + k, "n_recordings": 6, "infeasible": k % 4, "contacts": 0, "total_benchmark": 900.0,
         "total_local": 900.0 * (1 - gain), "gain": gain, "gain_low": gain - 0.003, "gain_high": gain + 0.003,
-        "gain_av": -gain, "gain_hv": 2 * gain, "share_better": 0.75, "share_worse": 0.125,
+        "gain_av": -gain, "gain_hv": 2 * gain, "share_better": 0.75, "share_worse": 0.125, **seen(k),
     }  # fmt: skip
+
+
+def seen(k: int) -> dict[str, float]:
+    """Error over effect: every third row may be quoted, every third has an unknown error."""
+    ratio = (0.5, 2.5, np.nan)[k % 3]
+    return {"effect": 0.4, "error": 0.4 * ratio, "error_over_effect": ratio}
 
 
 def gain_map() -> pd.DataFrame:
@@ -77,8 +84,35 @@ def studies(**changes: object) -> StudyTables:
         "worse_for_somebody": [
             {"event_id": f"01-{k:04d}-00100", "recording_id": 1, "form": names.FIXED, "accounting": names.EQUAL,
              "who": names.target_follower(1 + k % 3), "loss_benchmark": 10.0, "loss_local": 10.0 + 0.1 * k,
-             "increase": 0.01 * k}
+             "increase": 0.01 * k, "error": 0.3, "error_over_effect": 3.0 / k}
             for k in range(1, 61)
+        ],
+        "robust_summary": [
+            {"form": f, "accounting": a, "policy": p, "scored_with": m, "skilful": m != "table3", "n_events": 40,
+             "n_compared": 38, "gain": 0.004 * (1 + i % 3), "gain_low": 0.001, "gain_high": 0.01,
+             "beyond_plain": 0.0 if p in names.FIXED_POLICIES + names.FREE_POLICIES else 0.002,
+             "beyond_low": -0.001, "beyond_high": 0.004}
+            for i, ((f, pair), a, m) in enumerate(product(
+                ((names.FIXED, (names.LOCAL_OPTIMUM, names.LOCAL_OPTIMUM_ROBUST)),
+                 (names.FREE, (names.LOCAL_OPTIMUM_FREE, names.LOCAL_OPTIMUM_ROBUST_FREE))),
+                names.ACCOUNTINGS, ("population", "table3", EXPECTED, WORST)))
+            for p in pair
+        ],
+        "situation_ranking": [
+            {"form": f, "policy": p, "spacing_low_m": 20.0 * k, "spacing_high_m": 20.0 * k + 20.0,
+             "closing_low_mps": np.nan, "closing_high_mps": 0.0, "n_events": 5 + k,
+             "gain_expected": 0.01 - 0.002 * k, "gain_worst": 0.004 - 0.003 * k, "share_positive": 0.5,
+             "rank_expected": k + 1, "rank_worst": k + 1,
+             **seen(k)}
+            for f, p in ((names.FIXED, names.LOCAL_OPTIMUM), (names.FREE, names.LOCAL_OPTIMUM_FREE))
+            for k in range(4)
+        ],
+        "event_gains": [
+            {"event_id": f"01-{k:04d}-00100", "recording_id": 1, "form": f, "accounting": names.EQUAL, "policy": p,
+             "n_models": 3, "gain": 0.001 * k, "gain_expected": 0.0008 * k, "gain_worst": 0.0005 * k - 0.002,
+             "worst_model": "own_fit"}
+            for f, p in ((names.FIXED, names.LOCAL_OPTIMUM), (names.FREE, names.LOCAL_OPTIMUM_FREE))
+            for k in range(1, 9)
         ],
     }  # fmt: skip
     tables = {name: pd.DataFrame(rows) for name, rows in frames.items()}

@@ -9,8 +9,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 from sample_prediction import DEFAULT, losses, nobody, prediction, prediction_summary, sample_prediction
 
-from highd_lc.reporting.follower_words import Effect, effects_of, error_over_effect, followers_say, times
+from highd_lc.reporting.event import driver_says
+from highd_lc.reporting.follower_words import (
+    Effect,
+    effects_of,
+    error_over_effect,
+    followers_say,
+    times,
+)
 from highd_lc.vocab import names
+from highd_lc.vocab.driver import PARAMETERS
 
 FIXED, FREE = (Effect(form, 4.32, 2.76, mean, 0.0002, 60) for form, mean in (("fixed", 0.36), ("free", 1.44)))
 
@@ -230,3 +238,32 @@ def test_multiples_are_never_told_as_nothing(ratio):
     text = times(ratio)
     assert text.endswith(" times")
     assert (text == "0.00 times") == (ratio == 0.0)
+
+
+def fit(**changes):
+    spread = dict.fromkeys(PARAMETERS, 0.01)
+    return {"status": names.FITTED, "at_bound": [], "spread": spread} | changes
+
+
+def test_a_driver_is_believed_where_nothing_speaks_against_it():
+    assert driver_says(fit(), {}) == "To be believed: v_desire, A, b, B, tau, L."
+    told = driver_says(fit(at_bound=["tau"], spread={"A": 3.0, "b": 0.1, "B": 0.1, "v_desire": 0.2}), {})
+    assert told == (
+        "To be believed: v_desire, b, B. Not: A (± 3.00 over equally good fits), tau (on a bound), "
+        "L (spread not known)."
+    )
+
+
+def test_what_the_run_cannot_identify_nobody_is_believed_in():
+    known = {
+        "b": {"verdict": "not identifiable", "width": 0.8, "correlation": 0.2, "partner": "A"},
+        "A": {"verdict": "believed", "width": 0.1, "correlation": 0.95, "partner": "B"},
+    }
+    told = driver_says(fit(), known)
+    assert "b (not identifiable in this run: profiles are 80" in told
+    assert "A (tied to B, |r| 0.95)" in told
+
+
+@pytest.mark.parametrize("status", [names.POOL, names.CLASS_POOL, names.TABLE3])
+def test_of_a_pooled_driver_nothing_is_believed(status):
+    assert driver_says(fit(status=status), {}).startswith("None of the parameters is this driver's")

@@ -76,7 +76,7 @@ def test_likeness_has_simulated_beside_recorded_and_counts_contacts():
         numbers = [*(at.loc[model, name] for name in means), *own.loc[model], at.loc[model, "loss_error"]]
         assert row[1] == "40"
         assert row[7:14] == list(map(shown, numbers))
-    assert [rows[m][14:] for m in ("own fit", "Table 3 means")] == [["0", "1"], ["2", "1"]]
+    assert [rows[m][14:16] for m in ("own fit", "Table 3 means")] == [["0", "1"], ["2", "1"]]
 
 
 def test_the_dose_response_has_its_classes_in_order_and_their_numbers():

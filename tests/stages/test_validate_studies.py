@@ -9,7 +9,7 @@ from running import validated
 
 from highd_lc.io import artefacts
 from highd_lc.vocab import names
-from highd_lc.vocab.policy import PAIRS
+from highd_lc.vocab.policy import PAIRS, ROBUST_PAIRS
 from highd_lc.vocab.settings import Settings
 from highd_lc.vocab.tables.studies import STUDY_TABLES
 
@@ -22,6 +22,7 @@ SETTINGS = Settings.model_validate(
                 "sample": 3, "solver_sample": 1, "solver_starts": 2, "draws": 4, "replans": 2,
                 "population": 24, "generations": 6, "horizons_s": [5.0], "multibody_sample": 2,
             },
+            "robust": {"sample": 3, "draws": 2},
             "statistics": {"bootstrap": 200},
         },
     }
@@ -165,7 +166,7 @@ def test_gain_with_the_fitted_parameters_is_that_of_the_losses(work):
 
 
 def test_every_form_is_cross_scored_and_drawn_and_both_free_ones_have_a_front(work):
-    assert set(artefacts.read(work, "cross_scores")["form"]) == set(PAIRS)
+    assert set(artefacts.read(work, "cross_scores")["form"]) == set(PAIRS | ROBUST_PAIRS)
     assert set(artefacts.read(work, "uncertainty")["form"]) == set(PAIRS)
     summary = artefacts.read(work, "pareto_summary")
     assert set(summary["form"]) == {names.FREE, names.FREE_START}

@@ -102,6 +102,11 @@ PREDICTION = Table(
         number("comfort_recorded", "the same of the recorded motion", minimum=0),
         number("loss_simulated", "loss of the smoothed simulated motion", minimum=0),
         number("loss_recorded", "loss of the recorded motion, smoothed alike, over the same samples", minimum=0),
+        number("nrmse_spacing", "RMSE of spacing over the root mean square of the recorded one", minimum=0),
+        number(
+            "theil_u", "Theil's U of spacing: RMSE over the sum of both root mean squares", minimum=0, maximum=1
+        ),
+        number("paper_j", "the paper's J of the 1 s-smoothed accelerations, closed loop; null: none", minimum=0),
         Column(
             "contact",
             "bool",
@@ -136,6 +141,9 @@ PREDICTION_SUMMARY = Table(
         number("peak_decel_recorded", "mean peak braking, recorded", "m/s²"),
         number("comfort_simulated", "mean comfort sum, simulated"),
         number("comfort_recorded", "mean comfort sum, recorded"),
+        number("nrmse_spacing", "mean RMSE of spacing over the root mean square of the recorded one"),
+        number("theil_u", "mean Theil's U of spacing"),
+        number("paper_j", "median of the paper's J of the smoothed accelerations, closed loop"),
         number("loss_error", "mean absolute difference of HV_1's loss, simulated minus recorded"),
         count("contacts", "events with a contact by then; part of no mean of braking, comfort and loss"),
         count("contacts_recorded", "events with a recorded contact by then"),

@@ -3,7 +3,7 @@
 from typing import Final
 
 from highd_lc.vocab import names
-from highd_lc.vocab.policy import CHOOSING_START, OPTIMAL_POLICIES, PAIRS
+from highd_lc.vocab.policy import CHOOSING_START, OPTIMAL_POLICIES, PAIRS, ROBUST_PAIRS
 from highd_lc.vocab.tables.columns import Column, Table, count, number, word
 from highd_lc.vocab.tracking import PLANTS
 
@@ -22,7 +22,7 @@ TOGETHER: Final = "together"
 
 _RECORDING = Column("recording_id", "int64", "number in the recording's file name", minimum=0)
 _EVENT = word("event_id", "RR-VVVV-FFFFF: recording, ego, crossing frame")
-_FORM = word("form", "fixed or free end speed", tuple(PAIRS))
+_FORM = word("form", "fixed or free end speed", tuple(PAIRS | ROBUST_PAIRS))
 _ACCOUNTING = word("accounting", "over which time each side is charged", names.ACCOUNTINGS)
 _FOLLOWER_MODEL = word("followers", "follower model that planned and scored; the default one first")
 _OMEGA = number("omega_av", "weight of the AV in the joint objective", minimum=0, maximum=1)
@@ -43,11 +43,19 @@ _GAIN = (
     number("share_worse", "share of events with a higher total under the local optimum"),
 )
 
-_TILE = (
+TILE = (
     number("spacing_low_m", "lower edge: spacing of the first follower to the AV, front to front", "m"),
     number("spacing_high_m", "upper edge; null = open", "m"),
     number("closing_low_mps", "lower edge: speed of the first follower minus the AV's; null = open", "m/s"),
     number("closing_high_mps", "upper edge; null = open", "m/s"),
+)
+
+SEEN = (
+    number("effect", "mean absolute change of the followers' loss by the policy", minimum=0),
+    number(
+        "error", "mean absolute error in HV_1's loss over 8 s behind the recorded ego; null out of view", minimum=0
+    ),
+    number("error_over_effect", "error / effect: above 1 the gain cannot be seen; null: not known, or no effect"),
 )
 
 _PLANNED_WITH = word("planned_with", "follower model that made the plans")
@@ -108,9 +116,10 @@ GAIN_MAP = Table(
         _FOLLOWER_MODEL,
         _FORM,
         _ACCOUNTING,
-        *_TILE,
+        *TILE,
         number("share_events", "share of all events: the density of real lane changes", minimum=0, maximum=1),
         *_GAIN,
+        *SEEN,
     ),
 )
 
@@ -142,6 +151,8 @@ WORSE_FOR_SOMEBODY = Table(
         number("loss_benchmark", "their loss under the benchmark, unweighted for one follower", minimum=0),
         number("loss_local", "their loss under the local optimum", minimum=0),
         number("increase", "loss_local / loss_benchmark - 1", minimum=0),
+        number("error", "absolute error in HV_1's loss over 8 s in this event; null out of view", minimum=0),
+        number("error_over_effect", "error over the increase of the loss: above 1 it cannot be seen", minimum=0),
     ),
 )
 
@@ -300,7 +311,7 @@ START_MAP = Table(
     (
         word("policy", "whose start is chosen", CHOOSING_START),
         _ACCOUNTING,
-        *_TILE,
+        *TILE,
         number("share_events", "share of these events: the density of real lane changes", minimum=0, maximum=1),
         count("n_events", "events with a plan, with and without the choice"),
         number("share_waiting", "share of them in which the AV waits", minimum=0, maximum=1),
@@ -310,6 +321,7 @@ START_MAP = Table(
         number("saved_av", "the same of the AV's loss: negative = the choice costs it"),
         number("saved_hv", "the same of the followers' loss"),
         number("saved_total", "the same of the total loss"),
+        *SEEN,
     ),
 )
 

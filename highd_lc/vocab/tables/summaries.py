@@ -4,7 +4,7 @@ from typing import Final
 
 from highd_lc.vocab import names
 from highd_lc.vocab.driver import PARAMETERS
-from highd_lc.vocab.policy import PAIRS
+from highd_lc.vocab.policy import PAIRS, ROBUST_PAIRS
 from highd_lc.vocab.tables.columns import Column, Table, count, number, word
 
 BELIEVED: Final = "believed"
@@ -82,7 +82,12 @@ VALIDATION_MATRIX = Table(
     ("followers", "form", "accounting", "stratum"),
     (
         _FOLLOWER_MODEL,
-        word("form", "fixed or free end speed; start, free_start: with a chosen start", tuple(PAIRS)),
+        word(
+            "form",
+            "fixed or free end speed; start, free_start: with a chosen start; robust, robust_free: by who knows "
+            "not the followers",
+            tuple(PAIRS | ROBUST_PAIRS),
+        ),
         _ACCOUNTING,
         word("stratum", "all, or a class of one stratification"),
         count("n_events", "events in the stratum, infeasible ones included"),

@@ -1,0 +1,80 @@
+"""Columns of what plans gain under several follower models, and of plans for followers that nobody knows."""
+
+from typing import Final
+
+from highd_lc.vocab import names
+from highd_lc.vocab.policy import OPTIMAL_POLICIES
+from highd_lc.vocab.tables.columns import Column, Table, count, number, word
+from highd_lc.vocab.tables.studies import SEEN, TILE
+
+_RECORDING = Column("recording_id", "int64", "number in the recording's file name", minimum=0)
+_EVENT = word("event_id", "RR-VVVV-FFFFF: recording, ego, crossing frame")
+_ACCOUNTING = word("accounting", "over which time each side is charged", names.ACCOUNTINGS)
+
+EXPECTED: Final = "expected"
+WORST: Final = "worst"
+"""In ``robust_summary``: the mean over the models of positive skill, and the least gain over them."""
+
+_ROBUST_KEY = (
+    word("form", "fixed or free end speed", names.FORMS),
+    _ACCOUNTING,
+    word("policy", "local optimum, plain or robust, beside the benchmark", OPTIMAL_POLICIES),
+)
+
+EVENT_GAINS = Table(
+    "event_gains",
+    "event of the robust sample, form, accounting and policy: gain under the models of positive skill",
+    ("recording_id", "event_id", "form", "accounting", "policy"),
+    (
+        _EVENT,
+        _RECORDING,
+        *_ROBUST_KEY,
+        count("n_models", "follower models under which nobody drives through another"),
+        number("gain", "gain under the default model"),
+        number("gain_expected", "mean gain over the models of positive skill, the default one among them"),
+        number("gain_worst", "least gain over them"),
+        word("worst_model", "the model of the least gain"),
+    ),
+)
+
+ROBUST_SUMMARY = Table(
+    "robust_summary",
+    "form, accounting, policy and who the followers are: plain and robust local optimum on the same events",
+    ("form", "accounting", "scored_with", "policy"),
+    (
+        *_ROBUST_KEY,
+        word(
+            "scored_with",
+            f"a follower model or second opinion; {EXPECTED}: an event's mean gain over the models of positive "
+            f"skill, {WORST}: its least one, both as means over the events",
+        ),
+        Column("skilful", "bool", "whether the model predicts better than the best naive one, or is the default"),
+        count("n_events", "events planned with both"),
+        count("n_compared", "of these, events in which nobody drives through another under any of the plans"),
+        number("gain", "1 - ratio of the sums to the benchmark's; of expected and worst: mean over events"),
+        number("gain_low", "lower end of the bootstrap interval over recordings"),
+        number("gain_high", "upper end of the bootstrap interval over recordings"),
+        number("beyond_plain", "mean over events of the gain beyond the plain local optimum's; negative: a cost"),
+        number("beyond_low", "lower end of its bootstrap interval over recordings"),
+        number("beyond_high", "upper end of its bootstrap interval over recordings"),
+    ),
+)
+
+SITUATION_RANKING = Table(
+    "situation_ranking",
+    "form, policy and tile of spacing and speed difference at t_start, accounting equal: the best first by rank",
+    ("form", "policy", "rank_worst"),
+    (
+        *(column for column in _ROBUST_KEY if column.name != "accounting"),
+        *TILE,
+        count("n_events", "events of the robust sample in the tile"),
+        number("gain_expected", "mean over the events of the mean gain over the models of positive skill"),
+        number("gain_worst", "mean over the events of the least gain over them"),
+        number("share_positive", "share of the events whose least gain is above 0", minimum=0, maximum=1),
+        count("rank_expected", "place by gain_expected, 1 = best"),
+        count("rank_worst", "place by gain_worst, 1 = best"),
+        *SEEN,
+    ),
+)
+
+ROBUST_TABLES: Final = (EVENT_GAINS, ROBUST_SUMMARY, SITUATION_RANKING)
