@@ -3,6 +3,7 @@
 Commands import what they run themselves: what one of them does not need would cost it a second of start-up.
 """
 
+import json
 import os
 import signal
 import sys
@@ -10,7 +11,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from importlib.metadata import version
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 from rich.console import Console
@@ -62,6 +63,7 @@ Workers = Annotated[int, typer.Option(min=1, max=256, help="local processes")]
 Scheduler = Annotated[str | None, typer.Option(help="address of a Dask scheduler")]
 Verify = Annotated[bool, typer.Option("--verify", help="hash all inputs instead of trusting size and time")]
 Strict = Annotated[bool, typer.Option("--strict", help="stop at the first bad recording")]
+Json = Annotated[bool, typer.Option("--json", help="print the results as JSON and nothing else")]
 
 DEFAULT_WORK, DEFAULT_REPORTS = Path("work"), Path("reports")
 
@@ -88,18 +90,23 @@ def _signals_as_errors() -> Iterator[None]:
         signal.signal(signal.SIGTERM, before)
 
 
-def _go(stage: str | None, settings: Settings, options: Options, *, browser: bool = False) -> None:
+def _go(
+    stage: str | None, settings: Settings, options: Options, *, browser: bool = False, as_json: bool = False
+) -> None:
     outcome = Outcome()
     try:
         with _signals_as_errors():
             from highd_lc import engine
 
-            engine.run(settings, options, last=stage, console=console, outcome=outcome)
+            engine.run(settings, options, last=stage, console=errors if as_json else console, outcome=outcome)
     except HighdLcError as error:
         _list([problem for problem in outcome.problems if problem.message not in str(error)])
         raise
-    _print_confirmed(outcome)
-    _print_results(list(outcome.counts)[-1], options, settings.validation.follower_models[0])
+    if as_json:
+        _print_json(_results(list(outcome.counts)[-1], options, outcome))
+    else:
+        _print_confirmed(outcome)
+        _print_results(list(outcome.counts)[-1], options, settings.validation.follower_models[0])
     if browser:
         typer.launch(str(_page(options)))
     _end_with_problems(outcome)
@@ -137,6 +144,31 @@ def _print_results(stage: str, options: Options, model: str) -> None:
         console.print(matrix_table(artefacts.read(options.work, "validation_matrix")))
     if stage == "report":
         console.print(f"report: {_page(options)}", soft_wrap=True)
+
+
+_TABLES_OF = {
+    "calibrate": ("summary_lcm", "prediction_summary"),
+    "validate": ("prediction_summary", "validation_matrix"),
+    "report": ("prediction_summary", "validation_matrix"),
+}
+"""The tables whose numbers a command ends with."""
+
+
+def _results(stage: str, options: Options, outcome: Outcome) -> dict[str, Any]:
+    """What a command ends with, as values: counts, problems, the tables it prints, the page."""
+    from highd_lc.io import artefacts
+    from highd_lc.io.event_description import records
+
+    told = [{"recording": p.recording, "stage": p.stage, "warning": p.warning} for p in outcome.problems]
+    problems = [about | {"message": p.message} for about, p in zip(told, outcome.problems, strict=True)]
+    tables = {name: records(artefacts.read(options.work, name)) for name in _TABLES_OF.get(stage, ())}
+    page = {"report": str(_page(options))} if stage == "report" else {}
+    return {"counts": outcome.counts, "problems": problems, **tables, **page}
+
+
+def _print_json(values: Any) -> None:
+    """JSON alone on the standard output, whatever the terminal's width."""
+    console.print(json.dumps(values, indent=1), markup=False, highlight=False, soft_wrap=True)
 
 
 def _list(problems: list[Problem]) -> None:
@@ -178,10 +210,11 @@ def _stage_command(name: str, text: str) -> None:
         scheduler: Scheduler = None,
         verify: Verify = False,
         strict: Strict = False,
+        json_: Json = False,
     ) -> None:
         folder = _data(data)
         options = Options(folder, work, reports, workers, scheduler, verify, strict)
-        _go(None if name == "run" else name, _settings(pipeline, folder), options)
+        _go(None if name == "run" else name, _settings(pipeline, folder), options, as_json=json_)
 
     app.command(name=name, help=text)(command)
 
@@ -236,6 +269,7 @@ def report(
     raw: Annotated[bool, typer.Option("--raw", help="draw raw coordinates: such pages may not be shared")] = False,
     vector: Annotated[list[str] | None, typer.Option(help="also pdf or svg of the events drawn")] = None,
     open_: Annotated[bool, typer.Option("--open", help=_OPEN)] = False,
+    json_: Json = False,
 ) -> None:
     """Make the pages and figures."""
     folder = _data(data)
@@ -248,17 +282,50 @@ def report(
     options = Options(
         folder, work, reports, workers, scheduler, verify, strict, tuple(event or ()), tuple(vector or ())
     )
-    _go("report", settings, options, browser=open_)
+    _go("report", settings, options, browser=open_, as_json=json_)
+
+
+@app.command("list")
+def list_(
+    work: Work = DEFAULT_WORK,
+    direction: Annotated[str | None, typer.Option(metavar="left|right", help="to that side only")] = None,
+    class_: Annotated[str | None, typer.Option("--class", metavar="Car|Truck", help="egos of that class")] = None,
+    recording: Annotated[list[int] | None, typer.Option(help="of that recording only (repeatable)")] = None,
+    reason: Annotated[
+        str | None, typer.Option(help="not the usable ones, but those not used for that reason; any = all such")
+    ] = None,
+    json_: Json = False,
+    csv: Annotated[bool, typer.Option("--csv", help="print the list as CSV and nothing else")] = False,
+) -> None:
+    """List the lane changes of a work folder, usable ones unless --reason is given."""
+    from highd_lc.io.event_description import list_events, records
+
+    if json_ and csv:
+        raise UsageError("--json and --csv: one of them, not both")
+    found = list_events(
+        work, direction=direction, vehicle_class=class_, recordings=tuple(recording or ()), reason=reason
+    )
+    if json_:
+        _print_json(records(found))
+        return
+    text = found.to_csv(index=False) if csv else found.to_string(index=False, na_rep="-")
+    console.print(
+        text.rstrip("\n") if len(found) or csv else "none", markup=False, highlight=False, soft_wrap=True
+    )
 
 
 @app.command()
 def show(
     event_id: Annotated[str, typer.Argument(help="RR-VVVV-FFFFF: recording, ego, crossing frame")],
     work: Work = DEFAULT_WORK,
+    json_: Json = False,
 ) -> None:
     """Print one lane change: its roles, frames and reasons."""
-    from highd_lc.stages.extract import describe_event
+    from highd_lc.io.event_description import describe_event, event_facts
 
+    if json_:
+        _print_json(event_facts(work, event_id))
+        return
     console.print(describe_event(work, event_id), markup=False, highlight=False, soft_wrap=True)
 
 
