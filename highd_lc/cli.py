@@ -56,7 +56,10 @@ errors = PatientConsole(stderr=True, soft_wrap=True, highlight=False)
 _HIGHD = Path("data/highd")
 
 Pipeline = Annotated[str | None, typer.Option(help="pipeline: TOML file or shipped name")]
-Data = Annotated[Path | None, typer.Option(help="folder of HighD CSVs; default data/highd, else synthetic")]
+Data = Annotated[Path | None, typer.Option(help="folder of recordings; default data/highd, else synthetic")]
+Format = Annotated[
+    str | None, typer.Option("--format", metavar="highd|ngsim", help="of the recordings; default: by content")
+]
 Work = Annotated[Path, typer.Option(help="folder of the artefacts")]
 Reports = Annotated[Path, typer.Option(help="folder of the pages")]
 Workers = Annotated[int, typer.Option(min=1, max=256, help="local processes")]
@@ -182,8 +185,9 @@ def _end_with_problems(outcome: Outcome) -> None:
         raise typer.Exit(4)
 
 
-def _settings(pipeline: str | None, data: Path | None) -> Settings:
-    return settings_file.load(settings_file.find_pipeline(pipeline or ("demo" if data is None else "highd")))
+def _settings(pipeline: str | None, data: Path | None, format_: str | None = None) -> Settings:
+    found = settings_file.load(settings_file.find_pipeline(pipeline or ("demo" if data is None else "highd")))
+    return found if format_ is None else settings_file.with_ingest(found, {"format": format_})
 
 
 def _data(data: Path | None) -> Path | None:
@@ -210,11 +214,12 @@ def _stage_command(name: str, text: str) -> None:
         scheduler: Scheduler = None,
         verify: Verify = False,
         strict: Strict = False,
+        format_: Format = None,
         json_: Json = False,
     ) -> None:
         folder = _data(data)
         options = Options(folder, work, reports, workers, scheduler, verify, strict)
-        _go(None if name == "run" else name, _settings(pipeline, folder), options, as_json=json_)
+        _go(None if name == "run" else name, _settings(pipeline, folder, format_), options, as_json=json_)
 
     app.command(name=name, help=text)(command)
 
@@ -269,11 +274,12 @@ def report(
     raw: Annotated[bool, typer.Option("--raw", help="draw raw coordinates: such pages may not be shared")] = False,
     vector: Annotated[list[str] | None, typer.Option(help="also pdf or svg of the events drawn")] = None,
     open_: Annotated[bool, typer.Option("--open", help=_OPEN)] = False,
+    format_: Format = None,
     json_: Json = False,
 ) -> None:
     """Make the pages and figures."""
     folder = _data(data)
-    settings = _settings(pipeline, folder)
+    settings = _settings(pipeline, folder, format_)
     wanted = png or (None if top is None else "top")
     changes = {"png": wanted, "top": top, "raw": raw or None}
     settings = settings_file.with_report(settings, {k: v for k, v in changes.items() if v is not None})

@@ -11,7 +11,8 @@ from typing import Any, Final
 from rich.console import Console
 
 from highd_lc.execution import Cluster, Execution, InProcess, LocalProcesses
-from highd_lc.io import atomic, highd_files, workspace
+from highd_lc.io import atomic, workspace
+from highd_lc.io.formats import format_of
 from highd_lc.io.settings import digest, resolved
 from highd_lc.io.workspace import Records, find_inputs
 from highd_lc.stage_run import STAGES, Stage, StageRun
@@ -67,11 +68,15 @@ def _run_stages(
     console: Console,
     outcome: Outcome,
 ) -> None:
-    recordings = highd_files.discover(data)
-    if (folders := highd_files.folders(data)) != [data]:
-        console.print(f"recordings found in {' and '.join(map(str, folders))}", markup=False, soft_wrap=True)
+    source = format_of(data, settings.ingest.format)
+    recordings = source.discover(data)
+    remarks = source.remarks(data)
+    if (folders := source.folders(data)) != [data]:
+        remarks.insert(0, f"recordings found in {' and '.join(map(str, folders))}")
+    for remark in remarks:
+        console.print(remark, markup=False, soft_wrap=True)
     with _execution(options, len(recordings), stages) as execution:
-        inputs = find_inputs(data, options.work, verify=options.verify)
+        inputs = find_inputs(data, options.work, source=source, verify=options.verify)
         workspace.drop_other_recordings(options.work, inputs.keys)
         outcome.problems += inputs.problems
         keys = inputs.keys

@@ -13,7 +13,8 @@ from highd_lc.extraction.lane_change import Crossing, RoleRows, find_crossings, 
 from highd_lc.extraction.lateral_motion import Rule
 from highd_lc.extraction.roles import NOBODY
 from highd_lc.extraction.track_index import ABSENT, TrackIndex, Traffic
-from highd_lc.io import artefacts, highd, highd_files
+from highd_lc.io import artefacts, highd
+from highd_lc.io.formats import format_of
 from highd_lc.io.highd import TrackArrays
 from highd_lc.vocab import names
 from highd_lc.vocab.errors import InputError
@@ -67,7 +68,8 @@ def run(job: Job) -> JobReport:
 def _refuse_unconfirmed(job: Job, confirmed: int, n_events: int) -> None:
     """Ingest compares every vehicle's ids; those of the few around a lane change may be wrong all the same."""
     if n_events >= _FEWEST_EVENTS and confirmed < _LEAST_CONFIRMED * n_events:
-        path, wrong = highd_files.input_files(job.data, job.recording)[2], n_events - confirmed
+        found, wrong = format_of(job.data, job.settings.ingest.format), n_events - confirmed
+        path = found.input_files(job.data, job.recording)[2]
         text = f"names others than the vehicles ahead in {wrong} of {n_events} lane changes"
         raise InputError(f"{path}: column 'precedingId': {text}")
 

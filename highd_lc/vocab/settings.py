@@ -28,6 +28,17 @@ class SyntheticSettings(Section):
 class IngestSettings(Section):
     """Reading recordings."""
 
+    format: Annotated[
+        Literal["auto", "highd", "ngsim"],
+        Field(description="format of the recordings; auto: by what the folder holds (docs/data.md)"),
+    ] = "auto"
+    ngsim_smoothing: Annotated[
+        Literal["auto", "always", "never"],
+        Field(
+            description="smooth NGSIM's positions, speeds and accelerations; auto: where they are too noisy "
+            "(equations.md 16.13)"
+        ),
+    ] = "auto"
     trim_ends_m: Annotated[
         float,
         Field(
