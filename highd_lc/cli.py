@@ -3,7 +3,6 @@
 Commands import what they run themselves: what one of them does not need would cost it a second of start-up.
 """
 
-import json
 import os
 import signal
 import sys
@@ -16,6 +15,7 @@ from typing import Annotated, Any
 import typer
 from rich.console import Console
 
+from highd_lc.cli_events import DEFAULT_WORK, Json, Work, add_commands, print_json
 from highd_lc.io import settings as settings_file
 from highd_lc.vocab.compile_cache import require_cache
 from highd_lc.vocab.errors import HighdLcError, InterruptedRunError, StorageError, UsageError
@@ -60,15 +60,18 @@ Data = Annotated[Path | None, typer.Option(help="folder of recordings; default d
 Format = Annotated[
     str | None, typer.Option("--format", metavar="highd|ngsim", help="of the recordings; default: by content")
 ]
-Work = Annotated[Path, typer.Option(help="folder of the artefacts")]
 Reports = Annotated[Path, typer.Option(help="folder of the pages")]
 Workers = Annotated[int, typer.Option(min=1, max=256, help="local processes")]
 Scheduler = Annotated[str | None, typer.Option(help="address of a Dask scheduler")]
 Verify = Annotated[bool, typer.Option("--verify", help="hash all inputs instead of trusting size and time")]
 Strict = Annotated[bool, typer.Option("--strict", help="stop at the first bad recording")]
-Json = Annotated[bool, typer.Option("--json", help="print the results as JSON and nothing else")]
 
-DEFAULT_WORK, DEFAULT_REPORTS = Path("work"), Path("reports")
+Planners = Annotated[
+    list[str] | None,
+    typer.Option("--planner", metavar="module:function", help="a planner of others, beside ours (repeatable)"),
+]
+
+DEFAULT_REPORTS = Path("reports")
 
 
 class _TerminatedError(KeyboardInterrupt):
@@ -106,7 +109,7 @@ def _go(
         _list([problem for problem in outcome.problems if problem.message not in str(error)])
         raise
     if as_json:
-        _print_json(_results(list(outcome.counts)[-1], options, outcome))
+        print_json(console, _results(list(outcome.counts)[-1], options, outcome))
     else:
         _print_confirmed(outcome)
         _print_results(list(outcome.counts)[-1], options, settings.validation.follower_models[0])
@@ -131,7 +134,14 @@ def _print_confirmed(outcome: Outcome) -> None:
 
 def _print_results(stage: str, options: Options, model: str) -> None:
     from highd_lc.io import artefacts
-    from highd_lc.reporting.terminal import aims_table, lcm_table, matrix_table, prediction_lines, prediction_table
+    from highd_lc.reporting.terminal import (
+        aims_table,
+        lcm_table,
+        leaderboard_table,
+        matrix_table,
+        prediction_lines,
+        prediction_table,
+    )
     from highd_lc.stages.overview_pages import followers_believed, missing_pages
 
     if stage == "calibrate":
@@ -145,14 +155,17 @@ def _print_results(stage: str, options: Options, model: str) -> None:
     if stage in ("validate", "report"):
         console.print(*followers_believed(options.work, model), sep="\n", markup=False, highlight=False)
         console.print(matrix_table(artefacts.read(options.work, "validation_matrix")))
+        board = artefacts.read(options.work, "leaderboard")
+        if len(board):
+            console.print(leaderboard_table(board))
     if stage == "report":
         console.print(f"report: {_page(options)}", soft_wrap=True)
 
 
 _TABLES_OF = {
     "calibrate": ("summary_lcm", "prediction_summary"),
-    "validate": ("prediction_summary", "validation_matrix"),
-    "report": ("prediction_summary", "validation_matrix"),
+    "validate": ("prediction_summary", "validation_matrix", "leaderboard"),
+    "report": ("prediction_summary", "validation_matrix", "leaderboard"),
 }
 """The tables whose numbers a command ends with."""
 
@@ -167,11 +180,6 @@ def _results(stage: str, options: Options, outcome: Outcome) -> dict[str, Any]:
     tables = {name: records(artefacts.read(options.work, name)) for name in _TABLES_OF.get(stage, ())}
     page = {"report": str(_page(options))} if stage == "report" else {}
     return {"counts": outcome.counts, "problems": problems, **tables, **page}
-
-
-def _print_json(values: Any) -> None:
-    """JSON alone on the standard output, whatever the terminal's width."""
-    console.print(json.dumps(values, indent=1), markup=False, highlight=False, soft_wrap=True)
 
 
 def _list(problems: list[Problem]) -> None:
@@ -215,11 +223,13 @@ def _stage_command(name: str, text: str) -> None:
         verify: Verify = False,
         strict: Strict = False,
         format_: Format = None,
+        planner: Planners = None,
         json_: Json = False,
     ) -> None:
         folder = _data(data)
         options = Options(folder, work, reports, workers, scheduler, verify, strict)
-        _go(None if name == "run" else name, _settings(pipeline, folder, format_), options, as_json=json_)
+        settings = settings_file.with_planners(_settings(pipeline, folder, format_), planner or ())
+        _go(None if name == "run" else name, settings, options, as_json=json_)
 
     app.command(name=name, help=text)(command)
 
@@ -275,11 +285,12 @@ def report(
     vector: Annotated[list[str] | None, typer.Option(help="also pdf or svg of the events drawn")] = None,
     open_: Annotated[bool, typer.Option("--open", help=_OPEN)] = False,
     format_: Format = None,
+    planner: Planners = None,
     json_: Json = False,
 ) -> None:
     """Make the pages and figures."""
     folder = _data(data)
-    settings = _settings(pipeline, folder, format_)
+    settings = settings_file.with_planners(_settings(pipeline, folder, format_), planner or ())
     wanted = png or (None if top is None else "top")
     changes = {"png": wanted, "top": top, "raw": raw or None}
     settings = settings_file.with_report(settings, {k: v for k, v in changes.items() if v is not None})
@@ -291,48 +302,7 @@ def report(
     _go("report", settings, options, browser=open_, as_json=json_)
 
 
-@app.command("list")
-def list_(
-    work: Work = DEFAULT_WORK,
-    direction: Annotated[str | None, typer.Option(metavar="left|right", help="to that side only")] = None,
-    class_: Annotated[str | None, typer.Option("--class", metavar="Car|Truck", help="egos of that class")] = None,
-    recording: Annotated[list[int] | None, typer.Option(help="of that recording only (repeatable)")] = None,
-    reason: Annotated[
-        str | None, typer.Option(help="not the usable ones, but those not used for that reason; any = all such")
-    ] = None,
-    json_: Json = False,
-    csv: Annotated[bool, typer.Option("--csv", help="print the list as CSV and nothing else")] = False,
-) -> None:
-    """List the lane changes of a work folder, usable ones unless --reason is given."""
-    from highd_lc.io.event_description import list_events, records
-
-    if json_ and csv:
-        raise UsageError("--json and --csv: one of them, not both")
-    found = list_events(
-        work, direction=direction, vehicle_class=class_, recordings=tuple(recording or ()), reason=reason
-    )
-    if json_:
-        _print_json(records(found))
-        return
-    text = found.to_csv(index=False) if csv else found.to_string(index=False, na_rep="-")
-    console.print(
-        text.rstrip("\n") if len(found) or csv else "none", markup=False, highlight=False, soft_wrap=True
-    )
-
-
-@app.command()
-def show(
-    event_id: Annotated[str, typer.Argument(help="RR-VVVV-FFFFF: recording, ego, crossing frame")],
-    work: Work = DEFAULT_WORK,
-    json_: Json = False,
-) -> None:
-    """Print one lane change: its roles, frames and reasons."""
-    from highd_lc.io.event_description import describe_event, event_facts
-
-    if json_:
-        _print_json(event_facts(work, event_id))
-        return
-    console.print(describe_event(work, event_id), markup=False, highlight=False, soft_wrap=True)
+add_commands(app, console, errors)
 
 
 @app.command()

@@ -29,14 +29,19 @@ def run(
     """Run the stages up to ``last``, None = the last one that the pipeline lists.
 
     outcome: filled as the run goes on, for callers that need its problems even if it fails. Raises UsageError if
-    the options name what does not exist, InputError if no recording is usable, StorageError if a folder cannot be
-    written, ClusterError if the scheduler cannot be used. What was finished before stays finished.
+    the options name what does not exist, SettingsError if a planner cannot be found, InputError if no recording is
+    usable, StorageError if a folder cannot be written, ClusterError if the scheduler cannot be used. What was
+    finished before stays finished.
     """
     outcome = outcome or Outcome()
     if options.scheduler is not None:
         options = _absolute(options)
     for stage in STAGES:
         stage.refuse_senseless(options)
+    if settings.validation.planners:
+        from highd_lc.stages.other_planners import OtherPlanners  # seconds, and few runs have any
+
+        OtherPlanners.of(settings.validation.planners)
     stages = _up_to({last} if last is not None else set(settings.stages))
     with ExitStack() as folders:
         folders.enter_context(workspace.owned(options.work))

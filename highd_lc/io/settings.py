@@ -3,6 +3,7 @@
 import hashlib
 import json
 import tomllib
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -96,10 +97,15 @@ def with_ingest(settings: Settings, changes: dict[str, Any]) -> Settings:
     return _with(settings, "ingest", changes)
 
 
+def with_planners(settings: Settings, planners: Sequence[str]) -> Settings:
+    """The settings with planners of others added to those that the pipeline names."""
+    return _with(settings, "validation", {"planners": [*settings.validation.planners, *planners]})
+
+
 def _with(settings: Settings, section: str, changes: dict[str, Any]) -> Settings:
     old = getattr(settings, section)
     try:
-        new = type(old).model_validate(old.model_dump() | changes)
+        new = type(old).model_validate(old.model_dump(by_alias=True) | changes)
     except ValidationError as error:
         raise SettingsError(f"command line: {section}.{_in_one_line(error)}") from error
     return settings.model_copy(update={section: new})

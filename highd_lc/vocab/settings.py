@@ -319,6 +319,10 @@ class ValidateSettings(Section):
     tracking: TrackingSettings = TrackingSettings()
     statistics: StatisticsSettings = StatisticsSettings()
     studies: StudySettings = StudySettings()
+    planners: Annotated[
+        tuple[Annotated[str, Field(min_length=1)], ...],
+        Field(description="planners of others beside ours: module:function, or names of entry points"),
+    ] = ()
     trajectories: Annotated[
         Literal["auto", "all", "sample", "none"],
         Field(description="events whose motions are written; auto = all up to 1,000 events, then a sample of 500"),

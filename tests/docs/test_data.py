@@ -1,4 +1,4 @@
-"""The examples of docs/data.md, run on trajectories that are made here."""
+"""The examples of docs/data.md, run on trajectories that are made here, and that of docs/planners.md."""
 
 import re
 from pathlib import Path
@@ -46,3 +46,12 @@ def test_examples_read_the_mean_over_the_events(reader):
     mean = found["mean_speed"]
     speeds = mean.to_numpy() if reader == "pandas" else np.asarray(mean["vx"])
     np.testing.assert_allclose(speeds, 25.0 + T, rtol=1e-6)
+
+
+def test_the_planner_of_the_page_plans_beside_ours():
+    (text,) = re.findall(r"```python\n(.*?)```", PAGE.with_name("planners.md").read_text(), re.S)
+    found = {}
+    exec(text, found)
+    assert found["plan"].status == "solved"
+    assert list(found["table"].index) == ["benchmark", "local_optimum", "careful"]
+    assert found["tracked"].rmse_lateral_m < 0.1

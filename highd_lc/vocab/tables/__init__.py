@@ -13,7 +13,14 @@ from highd_lc.vocab.tables.columns import word as _word
 from highd_lc.vocab.tables.prediction import PREDICTION_TABLES
 from highd_lc.vocab.tables.scenarios import SCENARIO_TABLES
 from highd_lc.vocab.tables.studies import STUDY_TABLES
-from highd_lc.vocab.tables.summaries import FIT_TABLES, SUMMARY_LCM, SUMMARY_LOSSES, VALIDATION_MATRIX
+from highd_lc.vocab.tables.summaries import (
+    FIT_TABLES,
+    LEADERBOARD,
+    OTHER_PLANS,
+    SUMMARY_LCM,
+    SUMMARY_LOSSES,
+    VALIDATION_MATRIX,
+)
 
 SCHEMA_VERSION: Final = 3
 PARTITIONED: Final = {"ingest": "tracks", "validate": "trajectories"}
@@ -390,6 +397,6 @@ TABLES: Final = {
     for table in (
         TRACKS, VEHICLES, RECORDINGS, CROSSINGS, EVENTS, EVENT_TRACKS, FOLLOWERS, PLANS, LOSSES,
         VALIDATION_MATRIX, TRACKING, SUMMARY_LCM, SUMMARY_LOSSES, EVENT_PAGES, *FIT_TABLES, *PREDICTION_TABLES,
-        *STUDY_TABLES, *SCENARIO_TABLES,
+        *STUDY_TABLES, OTHER_PLANS, LEADERBOARD, *SCENARIO_TABLES,
     )
 }  # fmt: skip
