@@ -1,4 +1,4 @@
-"""Commands about single lane changes: list and show them."""
+"""Commands about single lane changes: list, show and export them."""
 
 import json
 from pathlib import Path
@@ -19,6 +19,7 @@ def add_commands(app: typer.Typer, console: Console, errors: Console) -> None:
     """Add the commands to the command line. console, errors: its standard output and error."""
     _add_list(app, console)
     _add_show(app, console)
+    _add_export(app, console, errors)
 
 
 def print_json(console: Console, values: Any) -> None:
@@ -68,3 +69,27 @@ def _add_show(app: typer.Typer, console: Console) -> None:
             print_json(console, event_facts(work, event_id))
             return
         console.print(describe_event(work, event_id), **_PLAIN)
+
+
+def _add_export(app: typer.Typer, console: Console, errors: Console) -> None:
+    @app.command("export")
+    def export_(
+        event_ids: Annotated[list[str], typer.Argument(help="RR-VVVV-FFFFF of one event or of several")],
+        to: Annotated[str, typer.Option(metavar="csv|omega-prime|commonroad|openscenario", help="format")] = "csv",
+        policy: Annotated[
+            str, typer.Option(help="who plans the ego; recorded = everybody as recorded")
+        ] = "recorded",
+        work: Work = DEFAULT_WORK,
+        out: Annotated[Path, typer.Option(help="folder to write to")] = Path("exports"),
+        raw: Annotated[
+            bool, typer.Option("--raw", help="export data in HighD's format: not to be shared")
+        ] = False,
+    ) -> None:
+        """Write lane changes, recorded or planned, for other tools."""
+        from highd_lc.io.exports import export
+
+        if raw:
+            errors.print("warning: what is exported is data: of HighD it may not be shared (its licence)")
+        for event_id in event_ids:
+            for path in export(work, event_id, to, policy=policy, out=out, raw=raw):
+                console.print(str(path), **_PLAIN)

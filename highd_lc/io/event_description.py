@@ -80,11 +80,12 @@ def event_facts(work: Path, event_id: str) -> dict[str, Any]:
     Raises UsageError if there is none of that id, ArtefactError if extraction has not run.
     """
     crossing = _crossing(work, event_id)
+    about = records(crossing.to_frame().T)[0]
     if not crossing["usable"]:
-        return records(crossing.to_frame().T)[0]
+        return about
     event, tracks, vehicles = _event_tables(work, crossing)
     roles = [_role_facts(role, rows, vehicles) for role, rows in tracks.groupby("role", sort=False)]
-    return records(event.to_frame().T)[0] | {"roles": roles}
+    return about | records(event.to_frame().T)[0] | {"roles": roles}
 
 
 def _role_facts(role: object, rows: pd.DataFrame, vehicles: pd.DataFrame) -> dict[str, Any]:

@@ -257,8 +257,8 @@ def _leaderboard_section(board: pd.DataFrame) -> Section:
     text = (
         f"Other people's planners beside our policies on the same {events} events, accounting “equal”, the lowest "
         f"loss first. Losses, gaps, DRAC, braking and tracking errors are means over the {common} events in which "
-        "all of them have a plan without a contact. Everybody is scored with the follower model that our policies plan "
-        "with, which favours them: read it beside the cross scores below.",
+        "all of them have a plan without a contact. Everybody is scored with the follower model that our policies "
+        "plan with, which favours them: read it beside the cross scores below.",
     )
     rows = board.assign(
         label=[labels.look(policy).label for policy in board["policy"]],

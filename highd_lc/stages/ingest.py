@@ -43,7 +43,8 @@ def run(job: Job) -> JobReport:
     other in nearly all vehicles of a direction. Where some do it is a problem in the report.
     """
     settings = job.settings.ingest
-    recording = format_of(job.data, settings.format).read(job.data, job.recording, settings)
+    source = format_of(job.data, settings.format)
+    recording = source.read(job.data, job.recording, settings)
     quality, failed = _quality(recording, job)
     if any(verdict.is_error for verdict in failed):
         # Missing frames make other columns contradict each other as well: they are the cause to name.
@@ -56,6 +57,7 @@ def run(job: Job) -> JobReport:
     rows = highd.write(job.work, parts.recording, job.provenance)
     vehicles = artefacts.write_part(job, STAGE, "vehicles", _vehicles(parts))
     quality["n_jumps"] = [parts.jumps(direction) for direction in quality["driving_direction"]]
+    quality["format"] = source.name
     artefacts.write_part(job, STAGE, "recordings", quality)
     noted = (Problem(job.recording, STAGE, note, warning=True) for note in recording.notes)
     problems = (*noted, *_problems(job.recording, failed), *_broken(parts))
