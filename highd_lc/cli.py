@@ -319,13 +319,19 @@ def synthesize(
             "recorder_idm, recorder_population, or a file"
         ),
     ] = "recorder_model",
+    with_: Annotated[
+        str, typer.Option("--with", metavar="own|sumo", help="whose traffic; sumo: its drivers and lane changes")
+    ] = "own",
 ) -> None:
     """Write synthetic recordings in HighD's format, with their truth beside them."""
-    from highd_lc.io import synthetic
+    from highd_lc.io import sumo, synthetic
 
+    makers = {"own": synthetic.synthesize, "sumo": sumo.synthesize}
+    if with_ not in makers:
+        raise UsageError(f"--with {with_!r}: one of {', '.join(makers)} is needed")
     with _signals_as_errors():
         recorder = _settings(pipeline, None).synthetic.recorder
-        made = synthetic.synthesize(
+        made = makers[with_](
             out, recordings=recordings, seconds=seconds, seed=seed, settings=recorder, workers=workers
         )
     console.print(f"{len(made)} recordings in {out}", soft_wrap=True)
