@@ -177,8 +177,9 @@ def _write_road(folder: Path, markings: FloatArray, section: float) -> None:
     ends = np.cumsum([0.0, _UPSTREAM_M, section, _DOWNSTREAM_M])
     nodes = "".join(f'<node id="n{k}" x="{x:.2f}" y="0"/>' for k, x in enumerate(ends))
     lanes = "".join(f'<lane index="{k}" width="{width:.2f}"/>' for k, width in enumerate(np.diff(markings)))
+    about = f'numLanes="{len(markings) - 1}" speed="{_LIMIT_MPS}"'
     edges = "".join(
-        f'<edge id="{name}" from="n{k}" to="n{k + 1}" numLanes="{len(markings) - 1}" speed="{_LIMIT_MPS}">{lanes}</edge>'
+        f'<edge id="{name}" from="n{k}" to="n{k + 1}" {about}>{lanes}</edge>'
         for k, name in enumerate(("before", "view", "after"))
     )
     (folder / "road.nod.xml").write_text(f"<nodes>{nodes}</nodes>")
