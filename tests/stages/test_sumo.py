@@ -31,7 +31,7 @@ def data(tmp_path_factory):
 @needs_sumo
 def test_a_recording_is_read_without_a_contradiction(data, tmp_path):
     tables = running.extracted(data, tmp_path)
-    # In the sublane model two may be abreast with both centres in one lane: the gaps of HighD's metas know no such.
+    # In the sublane model two may be abreast, both centres in one lane: the gaps of the metas know no such.
     told = {check.split(" ")[0] for checks in tables["recordings"]["failed_checks"] for check in checks}
     assert told <= {"min_gap", "min_time_gap"}
     assert set(tables["vehicles"]["driving_direction"]) == set(DIRECTIONS)

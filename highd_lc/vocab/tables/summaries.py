@@ -1,4 +1,4 @@
-"""Columns of the summaries of a run: validation matrix, fits, losses, other planners; and of the studies of the fits."""
+"""Columns of the summaries of a run: validation matrix, fits, losses, planners; and of the studies of the fits."""
 
 from typing import Final
 
