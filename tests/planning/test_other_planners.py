@@ -131,3 +131,12 @@ def test_a_planner_may_not_take_a_policy_s_name(scene):
 
     with pytest.raises(lc.UsageError, match="called 'benchmark', as a policy is"):
         lc.plan(scene, benchmark)
+
+
+def test_commonroad_s_reactive_planner_plans_here(scene):
+    pytest.importorskip("commonroad_rp", reason="extra peers is not installed")
+    from examples.commonroad_reactive import commonroad_reactive
+
+    found = lc.plan(scene, commonroad_reactive)
+    assert (found.status, found.reason) == ("solved", "")
+    assert abs(found.motion.query("role == 'ego'")["y"].iloc[-1] - 3.75) < 0.5
