@@ -30,7 +30,7 @@ setup:
 	@sh tools/set_up.sh ""
 
 setup-dev:
-	@sh tools/set_up.sh "[dev,cluster]"
+	@sh tools/set_up.sh "[dev,cluster,export,sumo]"
 
 ## help         this list
 help:

@@ -10,11 +10,12 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from importlib.metadata import version
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 from rich.console import Console
 
+from highd_lc.cli_events import DEFAULT_WORK, Json, Work, add_commands, print_json
 from highd_lc.io import settings as settings_file
 from highd_lc.vocab.compile_cache import require_cache
 from highd_lc.vocab.errors import HighdLcError, InterruptedRunError, StorageError, UsageError
@@ -55,15 +56,22 @@ errors = PatientConsole(stderr=True, soft_wrap=True, highlight=False)
 _HIGHD = Path("data/highd")
 
 Pipeline = Annotated[str | None, typer.Option(help="pipeline: TOML file or shipped name")]
-Data = Annotated[Path | None, typer.Option(help="folder of HighD CSVs; default data/highd, else synthetic")]
-Work = Annotated[Path, typer.Option(help="folder of the artefacts")]
+Data = Annotated[Path | None, typer.Option(help="folder of recordings; default data/highd, else synthetic")]
+Format = Annotated[
+    str | None, typer.Option("--format", metavar="highd|ngsim", help="of the recordings; default: by content")
+]
 Reports = Annotated[Path, typer.Option(help="folder of the pages")]
 Workers = Annotated[int, typer.Option(min=1, max=256, help="local processes")]
 Scheduler = Annotated[str | None, typer.Option(help="address of a Dask scheduler")]
 Verify = Annotated[bool, typer.Option("--verify", help="hash all inputs instead of trusting size and time")]
 Strict = Annotated[bool, typer.Option("--strict", help="stop at the first bad recording")]
 
-DEFAULT_WORK, DEFAULT_REPORTS = Path("work"), Path("reports")
+Planners = Annotated[
+    list[str] | None,
+    typer.Option("--planner", metavar="module:function", help="a planner of others, beside ours (repeatable)"),
+]
+
+DEFAULT_REPORTS = Path("reports")
 
 
 class _TerminatedError(KeyboardInterrupt):
@@ -88,18 +96,23 @@ def _signals_as_errors() -> Iterator[None]:
         signal.signal(signal.SIGTERM, before)
 
 
-def _go(stage: str | None, settings: Settings, options: Options, *, browser: bool = False) -> None:
+def _go(
+    stage: str | None, settings: Settings, options: Options, *, browser: bool = False, as_json: bool = False
+) -> None:
     outcome = Outcome()
     try:
         with _signals_as_errors():
             from highd_lc import engine
 
-            engine.run(settings, options, last=stage, console=console, outcome=outcome)
+            engine.run(settings, options, last=stage, console=errors if as_json else console, outcome=outcome)
     except HighdLcError as error:
         _list([problem for problem in outcome.problems if problem.message not in str(error)])
         raise
-    _print_confirmed(outcome)
-    _print_results(list(outcome.counts)[-1], options, settings.validation.follower_models[0])
+    if as_json:
+        print_json(console, _results(list(outcome.counts)[-1], options, outcome))
+    else:
+        _print_confirmed(outcome)
+        _print_results(list(outcome.counts)[-1], options, settings.validation.follower_models[0])
     if browser:
         typer.launch(str(_page(options)))
     _end_with_problems(outcome)
@@ -121,7 +134,14 @@ def _print_confirmed(outcome: Outcome) -> None:
 
 def _print_results(stage: str, options: Options, model: str) -> None:
     from highd_lc.io import artefacts
-    from highd_lc.reporting.terminal import aims_table, lcm_table, matrix_table, prediction_lines, prediction_table
+    from highd_lc.reporting.terminal import (
+        aims_table,
+        lcm_table,
+        leaderboard_table,
+        matrix_table,
+        prediction_lines,
+        prediction_table,
+    )
     from highd_lc.stages.overview_pages import followers_believed, missing_pages
 
     if stage == "calibrate":
@@ -135,8 +155,31 @@ def _print_results(stage: str, options: Options, model: str) -> None:
     if stage in ("validate", "report"):
         console.print(*followers_believed(options.work, model), sep="\n", markup=False, highlight=False)
         console.print(matrix_table(artefacts.read(options.work, "validation_matrix")))
+        board = artefacts.read(options.work, "leaderboard")
+        if len(board):
+            console.print(leaderboard_table(board))
     if stage == "report":
         console.print(f"report: {_page(options)}", soft_wrap=True)
+
+
+_TABLES_OF = {
+    "calibrate": ("summary_lcm", "prediction_summary"),
+    "validate": ("prediction_summary", "validation_matrix", "leaderboard"),
+    "report": ("prediction_summary", "validation_matrix", "leaderboard"),
+}
+"""The tables whose numbers a command ends with."""
+
+
+def _results(stage: str, options: Options, outcome: Outcome) -> dict[str, Any]:
+    """What a command ends with, as values: counts, problems, the tables it prints, the page."""
+    from highd_lc.io import artefacts
+    from highd_lc.io.event_description import records
+
+    told = [{"recording": p.recording, "stage": p.stage, "warning": p.warning} for p in outcome.problems]
+    problems = [about | {"message": p.message} for about, p in zip(told, outcome.problems, strict=True)]
+    tables = {name: records(artefacts.read(options.work, name)) for name in _TABLES_OF.get(stage, ())}
+    page = {"report": str(_page(options))} if stage == "report" else {}
+    return {"counts": outcome.counts, "problems": problems, **tables, **page}
 
 
 def _list(problems: list[Problem]) -> None:
@@ -150,8 +193,9 @@ def _end_with_problems(outcome: Outcome) -> None:
         raise typer.Exit(4)
 
 
-def _settings(pipeline: str | None, data: Path | None) -> Settings:
-    return settings_file.load(settings_file.find_pipeline(pipeline or ("demo" if data is None else "highd")))
+def _settings(pipeline: str | None, data: Path | None, format_: str | None = None) -> Settings:
+    found = settings_file.load(settings_file.find_pipeline(pipeline or ("demo" if data is None else "highd")))
+    return found if format_ is None else settings_file.with_ingest(found, {"format": format_})
 
 
 def _data(data: Path | None) -> Path | None:
@@ -178,10 +222,14 @@ def _stage_command(name: str, text: str) -> None:
         scheduler: Scheduler = None,
         verify: Verify = False,
         strict: Strict = False,
+        format_: Format = None,
+        planner: Planners = None,
+        json_: Json = False,
     ) -> None:
         folder = _data(data)
         options = Options(folder, work, reports, workers, scheduler, verify, strict)
-        _go(None if name == "run" else name, _settings(pipeline, folder), options)
+        settings = settings_file.with_planners(_settings(pipeline, folder, format_), planner or ())
+        _go(None if name == "run" else name, settings, options, as_json=json_)
 
     app.command(name=name, help=text)(command)
 
@@ -236,10 +284,13 @@ def report(
     raw: Annotated[bool, typer.Option("--raw", help="draw raw coordinates: such pages may not be shared")] = False,
     vector: Annotated[list[str] | None, typer.Option(help="also pdf or svg of the events drawn")] = None,
     open_: Annotated[bool, typer.Option("--open", help=_OPEN)] = False,
+    format_: Format = None,
+    planner: Planners = None,
+    json_: Json = False,
 ) -> None:
     """Make the pages and figures."""
     folder = _data(data)
-    settings = _settings(pipeline, folder)
+    settings = settings_file.with_planners(_settings(pipeline, folder, format_), planner or ())
     wanted = png or (None if top is None else "top")
     changes = {"png": wanted, "top": top, "raw": raw or None}
     settings = settings_file.with_report(settings, {k: v for k, v in changes.items() if v is not None})
@@ -248,18 +299,10 @@ def report(
     options = Options(
         folder, work, reports, workers, scheduler, verify, strict, tuple(event or ()), tuple(vector or ())
     )
-    _go("report", settings, options, browser=open_)
+    _go("report", settings, options, browser=open_, as_json=json_)
 
 
-@app.command()
-def show(
-    event_id: Annotated[str, typer.Argument(help="RR-VVVV-FFFFF: recording, ego, crossing frame")],
-    work: Work = DEFAULT_WORK,
-) -> None:
-    """Print one lane change: its roles, frames and reasons."""
-    from highd_lc.stages.extract import describe_event
-
-    console.print(describe_event(work, event_id), markup=False, highlight=False, soft_wrap=True)
+add_commands(app, console, errors)
 
 
 @app.command()
@@ -295,13 +338,19 @@ def synthesize(
             "recorder_idm, recorder_population, or a file"
         ),
     ] = "recorder_model",
+    with_: Annotated[
+        str, typer.Option("--with", metavar="own|sumo", help="whose traffic; sumo: its drivers and lane changes")
+    ] = "own",
 ) -> None:
     """Write synthetic recordings in HighD's format, with their truth beside them."""
-    from highd_lc.io import synthetic
+    from highd_lc.io import sumo, synthetic
 
+    makers = {"own": synthetic.synthesize, "sumo": sumo.synthesize}
+    if with_ not in makers:
+        raise UsageError(f"--with {with_!r}: one of {', '.join(makers)} is needed")
     with _signals_as_errors():
         recorder = _settings(pipeline, None).synthetic.recorder
-        made = synthetic.synthesize(
+        made = makers[with_](
             out, recordings=recordings, seconds=seconds, seed=seed, settings=recorder, workers=workers
         )
     console.print(f"{len(made)} recordings in {out}", soft_wrap=True)

@@ -11,7 +11,8 @@ from typing import Any, Final
 from rich.console import Console
 
 from highd_lc.execution import Cluster, Execution, InProcess, LocalProcesses
-from highd_lc.io import atomic, highd_files, workspace
+from highd_lc.io import atomic, workspace
+from highd_lc.io.formats import format_of
 from highd_lc.io.settings import digest, resolved
 from highd_lc.io.workspace import Records, find_inputs
 from highd_lc.stage_run import STAGES, Stage, StageRun
@@ -28,14 +29,19 @@ def run(
     """Run the stages up to ``last``, None = the last one that the pipeline lists.
 
     outcome: filled as the run goes on, for callers that need its problems even if it fails. Raises UsageError if
-    the options name what does not exist, InputError if no recording is usable, StorageError if a folder cannot be
-    written, ClusterError if the scheduler cannot be used. What was finished before stays finished.
+    the options name what does not exist, SettingsError if a planner cannot be found, InputError if no recording is
+    usable, StorageError if a folder cannot be written, ClusterError if the scheduler cannot be used. What was
+    finished before stays finished.
     """
     outcome = outcome or Outcome()
     if options.scheduler is not None:
         options = _absolute(options)
     for stage in STAGES:
         stage.refuse_senseless(options)
+    if settings.validation.planners:
+        from highd_lc.stages.other_planners import OtherPlanners  # seconds, and few runs have any
+
+        OtherPlanners.of(settings.validation.planners)
     stages = _up_to({last} if last is not None else set(settings.stages))
     with ExitStack() as folders:
         folders.enter_context(workspace.owned(options.work))
@@ -55,7 +61,7 @@ def compare_with_truth(settings: Settings, options: Options, *, console: Console
     from highd_lc.stages import truth
 
     if options.data is not None:
-        truth.true_drivers(options.data, highd_files.discover(options.data))
+        truth.true_drivers(options.data, format_of(options.data, settings.ingest.format).discover(options.data))
     run(settings, options, last="calibrate", console=console)
     data = options.data or options.work / "synthetic"
     with workspace.owned(options.work):
@@ -85,11 +91,15 @@ def _run_stages(
     console: Console,
     outcome: Outcome,
 ) -> None:
-    recordings = highd_files.discover(data)
-    if (folders := highd_files.folders(data)) != [data]:
-        console.print(f"recordings found in {' and '.join(map(str, folders))}", markup=False, soft_wrap=True)
+    source = format_of(data, settings.ingest.format)
+    recordings = source.discover(data)
+    remarks = source.remarks(data)
+    if (folders := source.folders(data)) != [data]:
+        remarks.insert(0, f"recordings found in {' and '.join(map(str, folders))}")
+    for remark in remarks:
+        console.print(remark, markup=False, soft_wrap=True)
     with _execution(options, len(recordings), stages) as execution:
-        inputs = find_inputs(data, options.work, verify=options.verify)
+        inputs = find_inputs(data, options.work, source=source, verify=options.verify)
         workspace.drop_other_recordings(options.work, inputs.keys)
         outcome.problems += inputs.problems
         keys = inputs.keys

@@ -50,6 +50,7 @@ class Stage:
     reads_data: it reads the files of the data folder, which may change meanwhile.
     finds_events: from here on it is known which events there are.
     files: settings that name a file which is read; empty = none.
+    functions: settings that name functions of others, whose source counts as well.
     pools: a recording's results depend on all recordings (class pools), not only on its own.
     """
 
@@ -60,6 +61,7 @@ class Stage:
     finds_events: bool = False
     pools: bool = False
     files: tuple[str, ...] = ()
+    functions: tuple[str, ...] = ()
 
     @property
     def module_name(self) -> str:
@@ -93,6 +95,10 @@ class Stage:
     def _contents(self, settings: Settings) -> list[Dependency]:
         """Hashes of the files that its settings name; who reads a missing one says so."""
         paths = [Path(attrgetter(name)(settings)) for name in self.files if attrgetter(name)(settings)]
+        if wanted := [one for name in self.functions for one in attrgetter(name)(settings)]:
+            from highd_lc.stages.other_planners import sources  # seconds, and few runs have planners of others
+
+            paths += sources(wanted)
         return [hashlib.sha256(path.read_bytes()).hexdigest() for path in paths if path.is_file()]
 
     def _functions(self, settings: Settings) -> list[Dependency]:
@@ -174,7 +180,7 @@ STAGES: Final = (
     Stage(
         "calibrate", ("calibrate", *_FITTED_WITH, "seed"), pools=True, files=("validation.followers.population",)
     ),
-    Stage("validate", ("validation", "seed")),
+    Stage("validate", ("validation", "seed"), functions=("validation.planners",)),
     _Pages("report", ("report",)),
 )
 """Each needs all before it."""

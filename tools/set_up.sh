@@ -1,7 +1,7 @@
 #!/bin/sh
 # For make: brings the virtual environment up to date. It is made, or made anew if it cannot serve; then the package
 # is installed. Only what make itself made is ever deleted.
-# Argument: the package's extras ("" or "[dev,cluster]"). Environment: VENV; PYTHON; PYTHON_GIVEN, not empty if
+# Argument: the package's extras ("" or "[dev,cluster,export,sumo]"). Environment: VENV; PYTHON; PYTHON_GIVEN, not empty if
 # PYTHON is somebody's choice and not the default.
 set -eu
 

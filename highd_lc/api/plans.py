@@ -10,6 +10,7 @@ import pandas as pd
 
 from highd_lc.api.scenes import Scene
 from highd_lc.planning import planner
+from highd_lc.planning.other_planners import Planner, ask, plans_of
 from highd_lc.stages.event_report import play_of, surrounding
 from highd_lc.stages.validate import loss_row, plan_row
 from highd_lc.stages.validate_samples import tracking_row
@@ -88,6 +89,7 @@ class Plan:
         accounting: over which time each side is charged.
         found: the plan as the planner gives it, with all samples.
         columns: its columns of ``plans`` and ``losses`` in a run.
+        reason: why somebody else's planner has no plan, or "".
     """
 
     scene: Scene = field(repr=False)
@@ -95,11 +97,12 @@ class Plan:
     accounting: str
     found: planner.Plan = field(repr=False)
     columns: Mapping[str, Any] = field(repr=False)
+    reason: str = ""
 
     @property
     def status(self) -> str:
         """``solved``; ``reference`` or ``contact`` of a policy that is not searched; ``infeasible`` and
-        ``infeasible_at_start``.
+        ``infeasible_at_start``; ``faulty`` of somebody else's planner.
         """
         return self.found.status
 
@@ -205,20 +208,24 @@ def _frame(role: str, path: Any, dt: float) -> pd.DataFrame:
     return pd.DataFrame({"role": role, "t": np.arange(len(path.x)) * dt, **columns})
 
 
-def plan(scene: Scene, policy: str = names.LOCAL_OPTIMUM, *, accounting: str = names.PRIMARY_ACCOUNTING) -> Plan:
-    """The plan of one policy in a scene. Other policies are not planned.
+def plan(
+    scene: Scene, policy: str | Planner = names.LOCAL_OPTIMUM, *, accounting: str = names.PRIMARY_ACCOUNTING
+) -> Plan:
+    """The plan of one policy, or of somebody else's planner, in a scene. Other policies are not planned.
 
     A policy that is searched minimises J = omega_AV loss_AV + (1 - omega_AV) loss_followers over quintic lane
     changes that keep every limit (equations.md 2, 4, 5); ``BENCHMARK`` has omega_AV = 1.
 
     Args:
         scene: of an event or made by hand.
-        policy: one of ``POLICIES``.
+        policy: one of ``POLICIES``, or a function of ``scene.planned`` that returns a ``PlannedMotion``, or a text
+            that says why there is none (docs/planners.md).
         accounting: ``paper``, ``follower_horizon`` or ``equal``: over which time the ego and the followers are
             charged, to T or to the horizon.
 
     Returns:
-        The plan; what cannot be planned has a status that says so, and NaN for its numbers.
+        The plan; what cannot be planned has a status that says so, and NaN for its numbers. Of a planner that
+        raises an error or returns what is no lane change the status is ``faulty`` and ``reason`` says why.
 
     Raises:
         UsageError: policy or accounting is unknown, or the policy is ``human`` and nobody recorded one.
@@ -230,19 +237,39 @@ def plan(scene: Scene, policy: str = names.LOCAL_OPTIMUM, *, accounting: str = n
         >>> ours.loss.total <= mine.loss.total + 1e-9
         True
     """
+    if callable(policy):
+        return _plan_by(scene, policy, accounting)
     found = scene.found(policy, accounting)
     columns = {**plan_row(scene.problem, found), **loss_row(scene.problem, found, scene.scores)}
     return Plan(scene, policy, accounting, found, columns)
 
 
+def _plan_by(scene: Scene, function: Planner, accounting: str) -> Plan:
+    """The plan of somebody else's planner, under the function's name."""
+    scene.refuse_unknown(accounting=accounting)
+    name = planner_name(function)
+    given = ask(function, scene.planned)
+    found = next(one for one in plans_of(scene.problem, name, given) if one.accounting == accounting)
+    columns = {**plan_row(scene.problem, found), **loss_row(scene.problem, found, scene.scores)}
+    return Plan(scene, name, accounting, found, columns, given.reason)
+
+
+def planner_name(function: Planner) -> str:
+    """The name under which a planner's plans go. Raises UsageError if a policy has it."""
+    name = str(getattr(function, "__name__", type(function).__name__))
+    if name in names.POLICIES:
+        raise UsageError(f"the planner is called {name!r}, as a policy is: give it another name")
+    return name
+
+
 def compare(
-    scene: Scene, policies: Iterable[str] = names.POLICIES, *, accounting: str = names.PRIMARY_ACCOUNTING
+    scene: Scene, policies: Iterable[str | Planner] = names.POLICIES, *, accounting: str = names.PRIMARY_ACCOUNTING
 ) -> pd.DataFrame:
     """Policies side by side in one scene.
 
     Args:
         scene: of an event or made by hand.
-        policies: some of ``POLICIES``.
+        policies: some of ``POLICIES``, and planners as in ``plan``.
         accounting: see ``plan``.
 
     Returns:
@@ -263,11 +290,12 @@ def compare(
     return pd.DataFrame(rows, columns=["policy", *_OF_PLAN, *_OF_LOSS]).set_index("policy")
 
 
-def _compared(scene: Scene, policy: str, accounting: str) -> dict[str, Any]:
+def _compared(scene: Scene, policy: str | Planner, accounting: str) -> dict[str, Any]:
     if policy == names.HUMAN and scene.planned.human is None:
         return {"policy": policy, "status": NOT_RECORDED, "gap": "", "contact": ""}
     columns = plan(scene, policy, accounting=accounting).columns
-    return {"policy": policy} | {name: columns[name] for name in (*_OF_PLAN, *_OF_LOSS) if name in columns}
+    word = planner_name(policy) if callable(policy) else policy
+    return {"policy": word} | {name: columns[name] for name in (*_OF_PLAN, *_OF_LOSS) if name in columns}
 
 
 @dataclass(frozen=True)

@@ -12,9 +12,10 @@ import pandas as pd
 from pydantic import ValidationError
 
 from highd_lc.core.car_following import TIME_STEP
-from highd_lc.io import artefacts, highd_files, synthetic, workspace
+from highd_lc.io import artefacts, synthetic, workspace
 from highd_lc.io import settings as settings_file
-from highd_lc.io.highd_tables import RecordingMeta, read_recording_meta
+from highd_lc.io.formats import format_of
+from highd_lc.io.highd_tables import RecordingMeta
 from highd_lc.stage_run import STAGES
 from highd_lc.stages import extract, ingest
 from highd_lc.stages.scenes import RecordedFollower, recorded_followers
@@ -122,15 +123,16 @@ def _run(stage: Any, job: Job) -> JobReport:
 
 
 def read_recording(
-    data: str | PathLike[str], number: int, *, pipeline: str | PathLike[str] = "highd"
+    data: str | PathLike[str], number: int, *, pipeline: str | PathLike[str] = "highd", format: str | None = None
 ) -> Recording:
-    """Read and check one recording in HighD's format.
+    """Read and check one recording, in HighD's format or another that is known (docs/data.md).
 
     Args:
         data: folder that holds ``RR_recordingMeta.csv``, ``RR_tracksMeta.csv`` and ``RR_tracks.csv``, or a folder
             above it; files may be packed as ``.gz``.
-        number: RR, the number of the recording.
+        number: RR, the number of the recording; of NGSIM the place among the folder's periods, from 1.
         pipeline: TOML file with settings, or the name of a shipped one.
+        format: ``auto`` (by what the folder holds), ``highd``, ``ngsim``; None = the pipeline's.
 
     Returns:
         The recording. What only some of its vehicles contradict stands in its ``warnings``.
@@ -147,12 +149,15 @@ def read_recording(
         >>> again.meta.frame_rate, len(again.tracks) == len(made.tracks)
         (25.0, True)
     """
-    return _read(Path(data), number, settings_of(pipeline), _private_folder())
+    settings = settings_of(pipeline)
+    if format is not None:
+        settings = settings_file.with_ingest(settings, {"format": format})
+    return _read(Path(data), number, settings, _private_folder())
 
 
 def _read(data: Path, number: int, settings: Settings, folder: TemporaryDirectory[str]) -> Recording:
     report = _run(ingest, _job(data, number, Path(folder.name), settings))
-    meta = read_recording_meta(highd_files.input_files(data, number)[0])
+    meta = format_of(data, settings.ingest.format).read_meta(data, number, settings.ingest)
     return Recording(number, data, meta, settings, tuple(one.message for one in report.problems), folder)
 
 

@@ -163,17 +163,19 @@ class Scene:
 
     def found(self, policy: str, accounting: str) -> planner.Plan:
         """A policy's plan as the planner gives it; nothing but its form is searched. Raises UsageError."""
-        self._refuse_unknown(policy, accounting)
+        self.refuse_unknown(policy=policy, accounting=accounting)
         if policy in FORM_OF_START:
             return plan_start(self._starts, policy, accounting, self._searched)
         if policy in FORM_OF_ROBUST:
             return plan_one_robust(self._unknown, policy, accounting)
         return planner.plan_one(self.problem, policy, accounting)
 
-    def _refuse_unknown(self, policy: str, accounting: str) -> None:
-        for word, value, allowed in (("policy", policy, POLICIES), ("accounting", accounting, ACCOUNTINGS)):
-            if value not in allowed:
-                raise UsageError(f"{word} {value!r} is unknown; one of: {', '.join(allowed)}")
+    def refuse_unknown(self, **words: str) -> None:
+        """Raises UsageError if a ``policy`` or an ``accounting`` is none that there is."""
+        known: dict[str, tuple[str, ...]] = {"policy": tuple(POLICIES), "accounting": tuple(ACCOUNTINGS)}
+        for word, value in words.items():
+            if value not in known[word]:
+                raise UsageError(f"{word} {value!r} is unknown; one of: {', '.join(known[word])}")
 
     @cached_property
     def _unknown(self) -> RobustProblem:

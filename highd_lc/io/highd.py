@@ -53,7 +53,7 @@ IntArray = NDArray[np.int64]
 @dataclass(frozen=True)
 class Recording:
     """A recording in road coordinates. duplicates: identical rows of each vehicle that were dropped; samples: a
-    few rows of columns that serve cross-checks alone.
+    few rows of columns that serve cross-checks alone; notes: what reading left out or changed, in words.
     """
 
     number: int
@@ -62,6 +62,7 @@ class Recording:
     road: Road
     duplicates: IntArray
     samples: Samples
+    notes: tuple[str, ...] = ()
 
 
 def read_recording(data: Path, recording: int) -> Recording:

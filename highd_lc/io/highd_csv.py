@@ -170,7 +170,7 @@ def _read_general(path: Path, header: list[str], fields: Sequence[Field]) -> dic
         table = _read_leniently(path, header, fields, error)
     columns = {f.name: _to_numpy(table[f.name], f) for f in fields}
     if any(_is_faulty(columns[f.name], f) for f in fields):
-        _raise_first_fault(path, fields, "holds values out of range")
+        raise_first_fault(path, fields, "holds values out of range")
     # Arrow's own memory is read-only; what is read here belongs to the caller.
     return {f.name: columns[f.name].astype(np.int64 if f.kind is int else columns[f.name].dtype) for f in fields}
 
@@ -192,7 +192,7 @@ def _read_leniently(path: Path, header: list[str], fields: Sequence[Field], firs
     try:
         return _read(path, header, {f.name: pa.float64() if f.kind is int else _type(f) for f in fields})
     except (pa.ArrowInvalid, OSError):
-        _raise_first_fault(path, fields, " ".join(str(first_error).split())[:200])
+        raise_first_fault(path, fields, " ".join(str(first_error).split())[:200])
 
 
 def _to_numpy(column: pa.ChunkedArray, field: Field) -> Array:
@@ -274,8 +274,8 @@ def _lines(path: Path) -> Iterator[tuple[int, list[str]]]:
         raise fault(path, f"cannot be read: {error}") from error
 
 
-def _raise_first_fault(path: Path, fields: Sequence[Field], otherwise: str) -> NoReturn:
-    """Read the file again, cell by cell, and name the first fault."""
+def raise_first_fault(path: Path, fields: Sequence[Field], otherwise: str) -> NoReturn:
+    """Read a file again, cell by cell, and raise InputError with the first fault, else with ``otherwise``."""
     lines = _lines(path)
     header = next(lines)[1]
     places = [(header.index(field.name), field) for field in fields if not field.sampled]

@@ -78,6 +78,19 @@ def find_files(data: Path) -> Files:
     return {key: path for files in found.values() for key, path in files.items()}
 
 
+def any_in(data: Path) -> bool:
+    """Whether a folder, or one below it, holds a file named like a recording's."""
+    return any(_files_in(folder) for level in folders_from(data) for folder in level)
+
+
+def folders_from(data: Path) -> Iterator[list[Path]]:
+    """A folder, then those below it, the nearest first, hidden ones left out; nothing if it is no folder."""
+    if data.is_dir():
+        yield [data]
+        for folder in _folders_below(data):
+            yield [folder]
+
+
 def _kinds(files: Files) -> set[str]:
     return {kind for _, kind in files}
 

@@ -3,6 +3,7 @@
 import hashlib
 import json
 import tomllib
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -88,9 +89,23 @@ def resolved(settings: Settings) -> str:
 
 def with_report(settings: Settings, changes: dict[str, Any]) -> Settings:
     """The settings with some of the report's replaced. Raises SettingsError if one is not allowed."""
+    return _with(settings, "report", changes)
+
+
+def with_ingest(settings: Settings, changes: dict[str, Any]) -> Settings:
+    """The settings with some of ingest's replaced. Raises SettingsError if one is not allowed."""
+    return _with(settings, "ingest", changes)
+
+
+def with_planners(settings: Settings, planners: Sequence[str]) -> Settings:
+    """The settings with planners of others added to those that the pipeline names."""
+    return _with(settings, "validation", {"planners": [*settings.validation.planners, *planners]})
+
+
+def _with(settings: Settings, section: str, changes: dict[str, Any]) -> Settings:
+    old = getattr(settings, section)
     try:
-        return settings.model_copy(
-            update={"report": type(settings.report).model_validate(settings.report.model_dump() | changes)}
-        )
+        new = type(old).model_validate(old.model_dump(by_alias=True) | changes)
     except ValidationError as error:
-        raise SettingsError(f"command line: report.{_in_one_line(error)}") from error
+        raise SettingsError(f"command line: {section}.{_in_one_line(error)}") from error
+    return settings.model_copy(update={section: new})

@@ -334,8 +334,15 @@ def synthesize(
 def write_recording(out: Path, recording: int, seconds: float, seed: int, *, settings: RecorderSettings) -> None:
     """Simulate one recording and write its five files, each whole; recordingMeta, the smallest, comes last."""
     scene = simulate_recording(recording, seconds, seed, settings=settings)
-    name, rate = f"{recording:02d}", settings.frame_rate
-    truth, drivers = truth_of(scene, rate)
+    tables = truth_of(scene, settings.frame_rate)
+    write_scene(out, recording, scene, tables=tables, seed=seed, rate=settings.frame_rate)
+
+
+def write_scene(
+    out: Path, recording: int, scene: Scene, *, tables: tuple[pd.DataFrame, pd.DataFrame], seed: int, rate: float
+) -> None:
+    """Write a recording's five files. tables: its lane changes and drivers as they are; rate: frames a second."""
+    name, (truth, drivers) = f"{recording:02d}", tables
     write_frame(out / f"{name}_truth.csv", truth, float_format="%.3f")
     write_frame(out / f"{name}_truth_drivers.csv", drivers, float_format="%.6g")
     write_table(out / f"{name}_tracks.csv", ",".join(TRACK_COLUMNS), scene.tracks.table, decimals=HAS_DECIMALS)
@@ -350,7 +357,7 @@ def write_recording(out: Path, recording: int, seconds: float, seed: int, *, set
 def simulate_recording(recording: int, seconds: float, seed: int, *, settings: RecorderSettings) -> Scene:
     """Simulate one recording of the given length [s] in memory."""
     rng = np.random.default_rng((seed, recording, 0))
-    site = _draw_site(rng, settings)
+    site = draw_site(rng, settings)
     flow = settings.flow_veh_per_h * (1 + settings.flow_spread * rng.uniform(-1, 1))
     bias = settings.acceleration_bias_mps2 * rng.uniform(-1, 1)
     drift = _draw_drifts(np.random.default_rng((seed, recording, _DRIFT_STREAM)), settings)
@@ -385,7 +392,7 @@ def _draw_drifts(rng: np.random.Generator, settings: RecorderSettings) -> dict[i
     return {direction: bound * float(rng.uniform(-1, 1, 2).mean()) for direction in DIRECTIONS}
 
 
-def _draw_site(rng: np.random.Generator, settings: RecorderSettings) -> Site:
+def draw_site(rng: np.random.Generator, settings: RecorderSettings) -> Site:
     """Lane widths of a motorway, 3.5 to 3.95 m, markings to the centimetre as HighD prints them."""
     upper = _TOP_MARGIN + np.concatenate([[0.0], np.cumsum(rng.uniform(3.5, 3.95, settings.upper_lanes))])
     below = upper[-1] + _MEDIAN

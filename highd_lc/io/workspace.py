@@ -22,8 +22,9 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any, TextIO
 
-from highd_lc.io import atomic, highd_files
+from highd_lc.io import atomic
 from highd_lc.io.atomic import Written
+from highd_lc.io.formats import Format
 from highd_lc.io.settings import digest
 from highd_lc.vocab.errors import InputError, StorageError, UsageError
 from highd_lc.vocab.job import JobReport, Problem
@@ -231,8 +232,8 @@ class Inputs:
             self.hashes.refuse_changed(path)
 
 
-def find_inputs(data: Path, work: Path, *, verify: bool) -> Inputs:
-    """Find the recordings of a folder and hash their files; verify: even those that look unchanged.
+def find_inputs(data: Path, work: Path, *, source: Format, verify: bool) -> Inputs:
+    """Find the recordings of a folder in a format and hash their files; verify: even those that look unchanged.
 
     Raises InputError if the folder is missing or holds no recording, StorageError if the hashes cannot be kept.
     """
@@ -240,9 +241,9 @@ def find_inputs(data: Path, work: Path, *, verify: bool) -> Inputs:
     files: dict[int, tuple[Path, ...]] = {}
     keys: dict[int, str] = {}
     problems = []
-    for recording in highd_files.discover(data):
+    for recording in source.discover(data):
         try:
-            files[recording] = highd_files.input_files(data, recording)
+            files[recording] = source.input_files(data, recording)
             keys[recording] = digest(*map(hashes.of, files[recording]))
         except InputError as error:
             problems.append(Problem(recording, "ingest", str(error), lost=True))

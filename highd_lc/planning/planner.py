@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,6 +30,9 @@ from highd_lc.vocab import names
 from highd_lc.vocab.policy import ACCOUNTINGS, POLICIES
 from highd_lc.vocab.settings import ValidateSettings
 
+if TYPE_CHECKING:
+    from highd_lc.planning.other_planners import PlannedMotion
+
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 Made = TypeVar("Made")
@@ -53,6 +56,7 @@ class Plan:
     what happens, None if infeasible. rejected_by: rejected candidates by constraint; margins: in the
     constraint's unit, of the plan or, when infeasible, the closest of any candidate. delay_s: from t_start to the
     start of the quintic [s]; gap: where the AV goes. contact: who drives through whom (``names.through``), or "".
+    motion: of a plan that somebody else made.
     """
 
     policy: str
@@ -67,6 +71,7 @@ class Plan:
     delay_s: float = 0.0
     gap: str = names.RECORDED_GAP
     contact: str = ""
+    motion: "PlannedMotion | None" = None
 
     @property
     def at_bound(self) -> list[str]:

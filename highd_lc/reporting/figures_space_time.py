@@ -190,7 +190,7 @@ def plan_figure(motion: pd.DataFrame, *, policy: str, T: float) -> Figure:
             across.plot(rows["t"], rows["y"], color=colour, lw=width)
     for one in (across, speeds):
         one.axvline(T, color=QUIET, lw=0.8, ls="--", zorder=0)
-    label(across, title=labels.POLICIES[policy].label, y="y, left positive [m]")
+    label(across, title=labels.look(policy).label, y="y, left positive [m]")
     label(speeds, x="time after t_start [s]; dashed: end of the lane change", y="speed [m/s]")
     speeds.legend(**LEGEND, loc="upper left", bbox_to_anchor=(1.0, 1.05))
     return figure
@@ -199,7 +199,7 @@ def plan_figure(motion: pd.DataFrame, *, policy: str, T: float) -> Figure:
 def _look(role: str, policy: str) -> tuple[str, float]:
     """Colour and width of a role's line."""
     if role == names.EGO:
-        return labels.POLICIES[policy].light, 2.0
+        return labels.look(policy).light, 2.0
     if role.startswith(names.TARGET_FOLLOWER):
         return _FOLLOWERS[(int(role.rsplit("_", 1)[1]) - 1) % len(_FOLLOWERS)], 1.4
     return (INK if role == names.TARGET_LEADER else QUIET), 1.0

@@ -227,6 +227,11 @@ def stratum(name: str) -> str:
     return f"{words}: {value.replace('-', '−')} {_STRATUM_UNITS.get(kind, '')}".rstrip() if value else name
 
 
+def look(policy: str) -> Look:
+    """How a policy is drawn; a planner of somebody else's has its own name and one colour."""
+    return POLICIES.get(policy) or Look(policy, "#7A3E9D", "#c79be0")
+
+
 def short_policy(name: str) -> str:
     """A policy's label where room is short."""
     label = POLICIES[name].label

@@ -32,6 +32,7 @@ class StudyTables:
     robust_summary: pd.DataFrame
     situation_ranking: pd.DataFrame
     event_gains: pd.DataFrame
+    leaderboard: pd.DataFrame
 
 
 def studies_page(tables: StudyTables, first: Sequence[Section] = ()) -> str:
@@ -47,6 +48,8 @@ def studies_page(tables: StudyTables, first: Sequence[Section] = ()) -> str:
 
 
 def _sections(tables: StudyTables) -> Iterator[Section]:
+    if len(tables.leaderboard):
+        yield _leaderboard_section(tables.leaderboard)
     yield from _cross_sections(tables.cross_scores)
     yield from robust_sections(tables.robust_summary, tables.situation_ranking, tables.event_gains)
     yield _horizon_section(tables.horizon_sensitivity)
@@ -235,6 +238,39 @@ def _solver_section(summary: pd.DataFrame) -> Section:
         "and from a single one. Excess: how much higher the objective is from all starts.",
     )
     return Section("Solvers compared", text, tables=(table_view(_labelled(summary), columns),), anchor="solvers")
+
+
+_BOARD: Final = (
+    Column("label", "Planner"),
+    Column("whose", "Whose"),
+    Column("n_planned", "Plans", digits=0),
+    Column("n_contacts", "Contacts", digits=0),
+    Column("n_violating", "Break a limit", digits=0),
+    Column("n_faulty", "Faults", digits=0),
+    Column("loss_av", "AV loss", digits=3),
+    Column("loss_hv", "Followers' loss", digits=3),
+    Column("loss_total", "Both", digits=3),
+    Column("min_gap_m", "Smallest gap", "m", 1),
+    Column("max_drac", "Largest DRAC", "m/s²", 2),
+    Column("peak_follower_decel", "Braking of followers", "m/s²", 2),
+    Column("rmse_lateral_m", "Lateral RMSE", "m", 3),
+)
+
+
+def _leaderboard_section(board: pd.DataFrame) -> Section:
+    """Our policies and other people's planners on the same events."""
+    events, common = int(board["n_events"].max()), int(board["n_common"].max())
+    text = (
+        f"Other people's planners beside our policies on the same {events} events, accounting “equal”, the lowest "
+        f"loss first. Losses, gaps, DRAC, braking and tracking errors are means over the {common} events in which "
+        "all of them have a plan without a contact. Everybody is scored with the follower model that our policies "
+        "plan with, which favours them: read it beside the cross scores below.",
+    )
+    rows = board.assign(
+        label=[labels.look(policy).label for policy in board["policy"]],
+        whose=["ours" if ours else "other" for ours in board["ours"]],
+    )
+    return Section("Planners side by side", text, tables=(table_view(rows, _BOARD),), anchor="leaderboard")
 
 
 _TRACKING: Final = (

@@ -4,7 +4,7 @@ The scenarios' claims on the terminal.
 """
 
 from collections.abc import Iterable, Iterator
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 import pandas as pd
@@ -39,6 +39,40 @@ def matrix_table(matrix: pd.DataFrame) -> Table:
         about = (row.followers, row.form, _SHORT[row.accounting]) if several else (row.form, row.accounting)
         table.add_row(*about, *counts, _percent(row.gain), interval, *(_percent(s, 1) for s in shares))
     return table
+
+
+_BOARD: Final = (
+    ("n_planned", "plans", 0),
+    ("n_contacts", "contacts", 0),
+    ("n_violating", "break", 0),
+    ("n_faulty", "faults", 0),
+    ("loss_av", "AV", 2),
+    ("loss_hv", "HV", 2),
+    ("loss_total", "both", 2),
+    ("min_gap_m", "gap", 1),
+    ("max_drac", "DRAC", 2),
+    ("rmse_lateral_m", "rmse y", 3),
+)
+
+
+def leaderboard_table(board: pd.DataFrame) -> Table:
+    """Our policies and other people's planners on the same events, accounting equal, the lowest loss first."""
+    events, common = int(board["n_events"].max()), int(board["n_common"].max())
+    table = _table(
+        f"Planners side by side, {events} events, accounting equal",
+        f"losses, gap, DRAC, tracking error: means over the {common} events that all plan without contact",
+    )
+    table.add_column("planner", no_wrap=True)
+    for _, heading, _ in _BOARD:
+        table.add_column(heading, justify="right", no_wrap=True)
+    for row in board.to_dict("records"):
+        cells = (_decimal(row[name], digits) for name, _, digits in _BOARD)
+        table.add_row(str(row["policy"]), *cells)
+    return table
+
+
+def _decimal(value: float, digits: int) -> str:
+    return "-" if pd.isna(value) else f"{value:.{digits}f}"
 
 
 def lcm_table(summary: pd.DataFrame) -> Table:

@@ -10,10 +10,11 @@ from numpy.typing import NDArray
 
 from highd_lc.extraction import data_quality
 from highd_lc.extraction.data_quality import Seconds, VehicleFacts
+from highd_lc.io.formats import format_of
 from highd_lc.io.highd import Recording
-from highd_lc.io.highd_files import input_files
 from highd_lc.vocab import names
 from highd_lc.vocab.cross_checks import CROSS_CHECKS, META, TRACKS, VEHICLES, CrossCheck
+from highd_lc.vocab.job import Job
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -87,9 +88,10 @@ def verdicts(found: dict[str, Finding], own: IntArray, *, direction: int, files:
     return failed
 
 
-def files_by_kind(data: Path, recording: int) -> dict[str, Path]:
+def files_by_kind(job: Job) -> dict[str, Path]:
     """The files of a recording as messages name them."""
-    return dict(zip((META, VEHICLES, TRACKS), input_files(data, recording), strict=True))
+    files = format_of(job.data, job.settings.ingest.format).input_files(job.data, job.recording)
+    return dict(zip((META, VEHICLES, TRACKS), files, strict=True))
 
 
 def _close(name: str, difference: FloatArray, measured: FloatArray | float = 0.0) -> BoolArray:

@@ -1,4 +1,4 @@
-"""Ingest: a recording's three CSV files to tracks, vehicles, and a line on each carriageway's quality."""
+"""Ingest: a recording's files to tracks, vehicles, and a line on each carriageway's quality."""
 
 from dataclasses import replace
 
@@ -16,9 +16,9 @@ from highd_lc.extraction.data_quality import (
     vehicle_facts,
 )
 from highd_lc.io import artefacts, highd
-from highd_lc.io.highd import Parts, Recording, read_recording, split_tracks
+from highd_lc.io.formats import format_of
+from highd_lc.io.highd import Parts, Recording, split_tracks
 from highd_lc.io.highd_csv import fault
-from highd_lc.io.highd_files import input_files
 from highd_lc.stages.cross_checks import Verdict, files_by_kind, findings, verdicts
 from highd_lc.vocab import names
 from highd_lc.vocab.cross_checks import CROSS_CHECKS
@@ -42,21 +42,25 @@ def run(job: Job) -> JobReport:
     before anything is written, naming file, column and row of the first fault, or the columns that contradict each
     other in nearly all vehicles of a direction. Where some do it is a problem in the report.
     """
-    recording = read_recording(job.data, job.recording)
+    settings = job.settings.ingest
+    source = format_of(job.data, settings.format)
+    recording = source.read(job.data, job.recording, settings)
     quality, failed = _quality(recording, job)
     if any(verdict.is_error for verdict in failed):
         # Missing frames make other columns contradict each other as well: they are the cause to name.
         _refuse_shreds(split_tracks(recording), job)
     _refuse(failed)
-    if job.settings.ingest.remove_bias:
+    if settings.remove_bias:
         recording = _without_bias(recording, quality)
     parts = split_tracks(recording)
     _refuse_shreds(parts, job)
     rows = highd.write(job.work, parts.recording, job.provenance)
     vehicles = artefacts.write_part(job, STAGE, "vehicles", _vehicles(parts))
     quality["n_jumps"] = [parts.jumps(direction) for direction in quality["driving_direction"]]
+    quality["format"] = source.name
     artefacts.write_part(job, STAGE, "recordings", quality)
-    problems = (*_problems(job.recording, failed), *_broken(parts))
+    noted = (Problem(job.recording, STAGE, note, warning=True) for note in recording.notes)
+    problems = (*noted, *_problems(job.recording, failed), *_broken(parts))
     return JobReport({"rows": rows, "vehicles": vehicles}, problems)
 
 
@@ -69,7 +73,8 @@ def _refuse_shreds(parts: Parts, job: Job) -> None:
             f"{broken} of {everybody} vehicles miss frames or jump again and again, {len(parts.breaks)} times in "
             f"all: nobody is followed for more than {seconds:.1f} s on average; are frames left out, ids mixed up?"
         )
-        raise fault(input_files(job.data, job.recording)[2], text, column="frame")
+        files = format_of(job.data, job.settings.ingest.format).input_files(job.data, job.recording)
+        raise fault(files[2], text, column="frame")
 
 
 def _n_broken(parts: Parts) -> tuple[int, int]:
@@ -148,7 +153,7 @@ def _quality(recording: Recording, job: Job) -> tuple[pd.DataFrame, list[Verdict
         ids=metas.id,
         length=metas.length,
     )
-    found, files = findings(recording, facts), files_by_kind(job.data, job.recording)
+    found, files = findings(recording, facts), files_by_kind(job)
     rows: list[dict[str, object]] = []
     failed: list[Verdict] = []
     for direction in np.unique(metas.direction).tolist():

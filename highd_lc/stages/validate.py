@@ -19,6 +19,7 @@ from highd_lc.planning.scene import Scene, target_leader_lengths
 from highd_lc.planning.start_planner import plan_starts
 from highd_lc.scoring import charges
 from highd_lc.scoring.charges import CumulativeLosses
+from highd_lc.stages.other_planners import OtherPlanners, leaderboard, other_rows
 from highd_lc.stages.population_tables import (
     cross_scores,
     gain_map,
@@ -88,7 +89,7 @@ from highd_lc.vocab.settings import ValidateSettings
 from highd_lc.vocab.tables import TABLES
 
 STAGE = "validate"
-PART_TABLES = ("plans", "losses", "tracking", *STUDY_TABLES)
+PART_TABLES = ("plans", "losses", "tracking", *STUDY_TABLES, "other_plans")
 
 Row = dict[str, Any]
 
@@ -101,6 +102,7 @@ def run(job: Job) -> JobReport:
     rows: dict[str, list[Row]] = {name: [] for name in PART_TABLES}
     traces: list[Trace] = []
     problems = []
+    others_asked = OtherPlanners.of(settings.planners)
     judges = judges_of(job.work, settings)
     tables = read_scene_tables(job.work, job.recording, settings, also=judges.every)
     judged = judged_drivers(job.work, job.recording) if chosen.traced else {}
@@ -108,7 +110,7 @@ def run(job: Job) -> JobReport:
     for event, (event_id, scene_of) in zip(tables.events.itertuples(), makers, strict=True):
         try:
             planned = _planned(scene_of(), tables, job, chosen, judges)
-            found = list(_event_rows(planned, job, chosen))
+            found = list(_event_rows(planned, job, chosen, others_asked))
             traced = list(_traces(event, planned, tables, settings, judged)) if event_id in chosen.traced else []
         except Exception as error:
             # One bad event never stops the others, and is left out as a whole: it is listed with its reason.
@@ -120,6 +122,7 @@ def run(job: Job) -> JobReport:
     for name, of_table in rows.items():
         artefacts.write_part(job, STAGE, name, _frame(name, of_table))
     write_traces(job, traces)
+    others_asked.log_times(job)
     return JobReport({name: len(of_table) for name, of_table in rows.items()}, tuple(problems))
 
 
@@ -148,7 +151,9 @@ def _planned(scene: Scene, tables: SceneTables, job: Job, chosen: Samples, judge
     return found
 
 
-def _event_rows(planned: list[Planned], job: Job, chosen: Samples) -> Iterator[tuple[str, Row]]:
+def _event_rows(
+    planned: list[Planned], job: Job, chosen: Samples, others_asked: OtherPlanners
+) -> Iterator[tuple[str, Row]]:
     for one in planned:
         for name, row in _planned_rows(one):
             yield name, {"followers": one.model, **row}
@@ -158,17 +163,30 @@ def _event_rows(planned: list[Planned], job: Job, chosen: Samples) -> Iterator[t
             yield "cross_losses", row
         if one is planned[0]:
             yield from _study_rows(study, chosen)
+            scores = _scores(one)
+            for row in other_rows(one, others_asked, partial(_scored, one.tracker.problem, scores)):
+                yield "other_plans", row
 
 
 def _planned_rows(planned: Planned) -> Iterator[tuple[str, Row]]:
     """Plans, losses and tracking of an event with one follower model."""
     problem, plans = planned.tracker.problem, planned.plans
-    scores = Scores(problem, next(p for p in plans if p.policy == names.NO_LANE_CHANGE))
+    scores = _scores(planned)
     for plan in plans:
         yield "plans", plan_row(problem, plan)
         yield "losses", loss_row(problem, plan, scores)
     for row in tracking_rows(planned):
         yield "tracking", row
+
+
+def _scores(planned: Planned) -> "Scores":
+    unchanged = next(plan for plan in planned.plans if plan.policy == names.NO_LANE_CHANGE)
+    return Scores(planned.tracker.problem, unchanged)
+
+
+def _scored(problem: PlanningProblem, scores: "Scores", plan: Plan) -> Row:
+    """The columns of ``plans`` and ``losses`` of one plan."""
+    return plan_row(problem, plan) | loss_row(problem, plan, scores)
 
 
 def _study_rows(study: Study, chosen: Samples) -> Iterator[tuple[str, Row]]:
@@ -389,6 +407,7 @@ def _population(combination: Combination, events: pd.DataFrame) -> Iterator[tupl
     yield "foresight_summary", foresight_summary(artefacts.read(work, "foresight"), settings, seed=seed)
     yield "tracking_summary", tracking_summary(_of_default(work, "tracking", models))
     yield "solver_summary", solver_summary(artefacts.read(work, "solver_comparison"))
+    yield "leaderboard", leaderboard(work, models[0])
 
 
 def _of_each_model(

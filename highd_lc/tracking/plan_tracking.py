@@ -239,6 +239,10 @@ def reference_of(problem: PlanningProblem, plan: Plan, planned: Replay) -> Refer
     """The planned motion over 0 .. T as the controller's reference, a wait before it left out."""
     if plan.quintic is not None:
         return plan_reference(plan.quintic, problem.scene.dt)
+    if plan.motion is not None:
+        given = plan.motion
+        columns = (given.x, given.y, given.vx, given.vy, given.ax, given.ay)
+        return Reference(problem.scene.dt, *(np.asarray(column) for column in columns))
     human, av, used = problem.scene.driver, planned.av, slice(0, planned.av.n + 1)
     columns = (av.x, av.y, av.vx, av.vy, human.ax, human.ay)
     return Reference(problem.scene.dt, *(column[used] for column in columns))

@@ -30,6 +30,17 @@ class SyntheticSettings(Section):
 class IngestSettings(Section):
     """Reading recordings."""
 
+    format: Annotated[
+        Literal["auto", "highd", "ngsim"],
+        Field(description="format of the recordings; auto: by what the folder holds (docs/data.md)"),
+    ] = "auto"
+    ngsim_smoothing: Annotated[
+        Literal["auto", "always", "never"],
+        Field(
+            description="smooth NGSIM's positions, speeds and accelerations; auto: where they are too noisy "
+            "(equations.md 16.13)"
+        ),
+    ] = "auto"
     trim_ends_m: Annotated[
         float,
         Field(
@@ -340,6 +351,10 @@ class ValidateSettings(Section):
     statistics: StatisticsSettings = StatisticsSettings()
     studies: StudySettings = StudySettings()
     robust: RobustSettings = RobustSettings()
+    planners: Annotated[
+        tuple[Annotated[str, Field(min_length=1)], ...],
+        Field(description="planners of others beside ours: module:function, or names of entry points"),
+    ] = ()
     trajectories: Annotated[
         Literal["auto", "all", "sample", "none"],
         Field(description="events whose motions are written; auto = all up to 1,000 events, then a sample of 500"),

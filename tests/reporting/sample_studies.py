@@ -8,6 +8,7 @@ import pandas as pd
 
 from highd_lc.reporting.pages_studies import StudyTables
 from highd_lc.vocab import names
+from highd_lc.vocab.tables import TABLES
 from highd_lc.vocab.tables.robust import EXPECTED, WORST
 from highd_lc.vocab.tables.studies import FRONT, SECOND_OPINIONS, SWEEP
 
@@ -116,6 +117,7 @@ def studies(**changes: object) -> StudyTables:
         ],
     }  # fmt: skip
     tables = {name: pd.DataFrame(rows) for name, rows in frames.items()}
+    tables["leaderboard"] = pd.DataFrame(columns=list(TABLES["leaderboard"].column_names))
     return replace(StudyTables(**tables, pareto=pareto(), pareto_summary=pareto_summary()), **changes)
 
 

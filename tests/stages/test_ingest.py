@@ -11,7 +11,9 @@ from highd_lc.io.synthetic import write_recording
 from highd_lc.stages import cross_checks, ingest
 from highd_lc.vocab.cross_checks import CROSS_CHECKS
 from highd_lc.vocab.errors import InputError
+from highd_lc.vocab.job import Job, Provenance
 from highd_lc.vocab.sections import RecorderSettings
+from highd_lc.vocab.settings import Settings
 
 FIXTURES = Path(__file__).parents[1] / "fixtures"
 
@@ -225,4 +227,5 @@ def test_every_row_of_the_table_of_checks_is_measured(data, tmp_path):
         "lane_mismatch",
     }
     assert all(check.name == name and check.words and check.column for name, check in CROSS_CHECKS.items())
-    assert {check.file for check in CROSS_CHECKS.values()} == set(cross_checks.files_by_kind(data, 1))
+    job = Job(1, data, data, Settings(), Provenance("", {}, 1, ""))
+    assert {check.file for check in CROSS_CHECKS.values()} == set(cross_checks.files_by_kind(job))

@@ -14,7 +14,14 @@ from highd_lc.vocab.tables.prediction import PREDICTION_TABLES
 from highd_lc.vocab.tables.robust import ROBUST_TABLES
 from highd_lc.vocab.tables.scenarios import SCENARIO_TABLES
 from highd_lc.vocab.tables.studies import STUDY_TABLES
-from highd_lc.vocab.tables.summaries import FIT_TABLES, SUMMARY_LCM, SUMMARY_LOSSES, VALIDATION_MATRIX
+from highd_lc.vocab.tables.summaries import (
+    FIT_TABLES,
+    LEADERBOARD,
+    OTHER_PLANS,
+    SUMMARY_LCM,
+    SUMMARY_LOSSES,
+    VALIDATION_MATRIX,
+)
 from highd_lc.vocab.tables.truth import TRUTH
 
 SCHEMA_VERSION: Final = 3
@@ -82,6 +89,7 @@ RECORDINGS = Table(
         _RECORDING,
         Column("driving_direction", "int64", "1 = upper carriageway, 2 = lower", minimum=1, maximum=2),
         Column("location_id", "int64", "site of the recording"),
+        _word("format", "format of its files", ("highd", "ngsim")),
         _number("frame_rate", "frames a second", "Hz", nullable=False, minimum=0),
         Column("markings", "list<float64>", "lane markings from the right edge, ascending, first 0 [m]"),
         _number("entry_m", "smallest x that a box of the recording reaches", "m", nullable=False),
@@ -392,6 +400,6 @@ TABLES: Final = {
     for table in (
         TRACKS, VEHICLES, RECORDINGS, CROSSINGS, EVENTS, EVENT_TRACKS, FOLLOWERS, PLANS, LOSSES,
         VALIDATION_MATRIX, TRACKING, SUMMARY_LCM, SUMMARY_LOSSES, EVENT_PAGES, *FIT_TABLES, *PREDICTION_TABLES,
-        *STUDY_TABLES, *ROBUST_TABLES, *SCENARIO_TABLES, TRUTH,
+        *STUDY_TABLES, *ROBUST_TABLES, OTHER_PLANS, LEADERBOARD, *SCENARIO_TABLES, TRUTH,
     )
 }  # fmt: skip

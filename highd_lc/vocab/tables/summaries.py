@@ -1,4 +1,4 @@
-"""Columns of the summaries of a run: validation matrix, fits and losses; and of the studies of the fits."""
+"""Columns of the summaries of a run: validation matrix, fits, losses, planners; and of the studies of the fits."""
 
 from typing import Final
 
@@ -155,5 +155,64 @@ SUMMARY_LOSSES = Table(
         number("share_better", "share of events below the other policy"),
         number("share_worse", "share of events above the other policy"),
         number("share_tied", "share of events within the tie band"),
+    ),
+)
+
+_PLANNER = word("policy", "name of the planner, as it was given")
+_STATUSES = (names.SOLVED, names.CONTACT, names.INFEASIBLE, names.INFEASIBLE_AT_START, "faulty")
+_OF_LOSSES = ("loss_av", "av_comfort", "av_efficiency", "loss_hv", "hv_comfort", "hv_efficiency", "loss_total")
+
+OTHER_PLANS = Table(
+    "other_plans",
+    "event, planner of somebody else and accounting",
+    ("recording_id", "event_id", "policy", "accounting"),
+    (
+        word("event_id", "RR-VVVV-FFFFF: recording, ego, crossing frame"),
+        Column("recording_id", "int64", "number in the recording's file name", minimum=0),
+        _PLANNER,
+        word("accounting", "over which time each side is charged", names.ACCOUNTINGS),
+        word("status", "solved, contact, infeasible (it says so) or faulty", _STATUSES),
+        word("reason", "why there is no plan: its own words, or the fault; empty with a plan"),
+        number("T", "duration of its motion; null without one", "s"),
+        number("x_final", "way forward in it", "m"),
+        number("v_end", "speed at its end", "m/s"),
+        number("min_clearance_m", "smallest distance between ellipses over the accounted time", "m"),
+        Column("violations", "list<string>", "limits and clearances that its motion breaks; nothing is rejected"),
+        word("contact", "who drives through whom, over the accounted time; empty = nobody"),
+        *(number(name, f"{name} as in losses", minimum=0) for name in _OF_LOSSES),
+        number("loss_hv_increment", "loss_hv minus that of no lane change over the same time"),
+        number("min_gap_m", "smallest gap of a target-lane pair", "m"),
+        number("min_time_headway_s", "smallest time headway of a target-lane pair", "s"),
+        number("min_ttc_s", "smallest time to collision of a target-lane pair", "s"),
+        number("max_drac", "largest deceleration rate to avoid a crash", "m/s²"),
+        number("peak_follower_decel", "strongest braking of a follower, positive", "m/s²"),
+        word("tracking_status", "tracked on the kinematic car, or why not; empty = not driven"),
+        number("rmse_lateral_m", "lateral tracking error", "m", minimum=0),
+        number("max_lateral_m", "largest lateral tracking error", "m", minimum=0),
+        number("loss_av_tracked", "AV's loss of the tracked motion over 0..T", minimum=0),
+        Column("tracked_violations", "list<string>", "constraints that the tracked motion breaks", nullable=True),
+    ),
+)
+
+LEADERBOARD = Table(
+    "leaderboard",
+    "policy, ours or somebody else's, accounting equal; empty without planners of others",
+    ("policy",),
+    (
+        word("policy", "policy or planner"),
+        Column("ours", "bool", "whether it is one of this package"),
+        count("n_events", "events it was asked for"),
+        count("n_planned", "events with a plan, be it one with a contact"),
+        count("n_contacts", "of them, those in which somebody drives through another"),
+        count("n_violating", "of them, those that break a limit or touch an ellipse"),
+        count("n_faulty", "events in which the planner failed"),
+        count("n_common", "events that every policy of the table plans without contact: the means are over these"),
+        number("loss_av", "mean loss of the AV", minimum=0),
+        number("loss_hv", "mean loss of the followers", minimum=0),
+        number("loss_total", "mean of both together", minimum=0),
+        number("min_gap_m", "mean of the smallest gap", "m"),
+        number("max_drac", "mean of the largest deceleration rate to avoid a crash, where there is one", "m/s²"),
+        number("peak_follower_decel", "mean of the strongest braking of a follower", "m/s²"),
+        number("rmse_lateral_m", "mean lateral tracking error", "m", minimum=0),
     ),
 )

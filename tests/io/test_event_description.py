@@ -2,7 +2,7 @@ import pandas as pd
 import pytest
 
 from highd_lc.io import artefacts
-from highd_lc.stages.extract import describe_event
+from highd_lc.io.event_description import describe_event, event_facts, list_events, records
 from highd_lc.vocab.errors import ArtefactError, UsageError
 from highd_lc.vocab.job import Provenance
 
@@ -71,3 +71,57 @@ def test_unknown_event_is_answered_with_the_nearest(work):
 def test_missing_artefacts_are_named(tmp_path):
     with pytest.raises(ArtefactError, match="crossings"):
         describe_event(tmp_path, USABLE)
+
+
+def test_usable_events_are_listed_with_what_is_known_of_them(work):
+    (row,) = records(list_events(work))
+    assert row["event_id"] == USABLE
+    assert (row["duration_s"], row["lateral_shift_m"], row["n_followers"]) == (3.6, 3.5, 1)
+
+
+@pytest.mark.parametrize(
+    ("filters", "expected"),
+    [
+        ({"direction": "left"}, [USABLE]),
+        ({"direction": "right"}, []),
+        ({"vehicle_class": "Truck"}, []),
+        ({"recordings": (1,)}, [USABLE]),
+        ({"reason": "outside_markings"}, [CUT]),
+        ({"reason": "flicker"}, []),
+        ({"reason": "any"}, [CUT]),
+        ({"reason": "any", "vehicle_class": "Car"}, []),
+    ],
+)
+def test_filters_keep_what_they_name(work, filters, expected):
+    assert list_events(work, **filters)["event_id"].tolist() == expected
+
+
+def test_what_is_not_known_of_an_unusable_change_is_null(work):
+    (row,) = records(list_events(work, reason="any"))
+    assert (row["origin_lane"], row["duration_s"], row["n_followers"]) == (None, None, None)
+
+
+@pytest.mark.parametrize(
+    ("filters", "said"),
+    [
+        ({"direction": "up"}, "--direction 'up': one of left, right is needed"),
+        ({"vehicle_class": "car"}, "--class 'car': one of Car, Truck is needed"),
+        ({"reason": "bored"}, "--reason 'bored': one of outside_markings, "),
+        ({"recordings": (1, 7)}, "recording 7 has no change of lane"),
+    ],
+)
+def test_filters_that_name_nothing_are_refused(work, filters, said):
+    with pytest.raises(UsageError, match=said):
+        list_events(work, **filters)
+
+
+def test_facts_of_an_event_are_those_of_the_words(work):
+    facts = event_facts(work, USABLE)
+    assert (facts["start_frame"], facts["end_frame"]) == (60, 150)
+    assert [role["role"] for role in facts["roles"]] == ["ego", "target_follower_1", "target_leader_2"]
+    assert facts["roles"][1] == {
+        "role": "target_follower_1", "vehicle_id": 14, "class": "Truck", "length_m": 4.5, "width_m": 1.9,
+        "x_m": -30.0, "vx_mps": 27.0, "from_s": pytest.approx(-0.04), "to_s": pytest.approx(0.04),
+        "calibration_samples": 1,
+    }  # fmt: skip
+    assert event_facts(work, CUT)["reason"] == "outside_markings"

@@ -1,0 +1,95 @@
+"""Commands about single lane changes: list, show and export them."""
+
+import json
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from rich.console import Console
+
+from highd_lc.vocab.errors import UsageError
+
+Work = Annotated[Path, typer.Option(help="folder of the artefacts")]
+Json = Annotated[bool, typer.Option("--json", help="print the results as JSON and nothing else")]
+DEFAULT_WORK = Path("work")
+_PLAIN: dict[str, Any] = {"markup": False, "highlight": False, "soft_wrap": True}
+
+
+def add_commands(app: typer.Typer, console: Console, errors: Console) -> None:
+    """Add the commands to the command line. console, errors: its standard output and error."""
+    _add_list(app, console)
+    _add_show(app, console)
+    _add_export(app, console, errors)
+
+
+def print_json(console: Console, values: Any) -> None:
+    """JSON alone on the standard output, whatever the terminal's width."""
+    console.print(json.dumps(values, indent=1), **_PLAIN)
+
+
+def _add_list(app: typer.Typer, console: Console) -> None:
+    @app.command("list")
+    def list_(
+        work: Work = DEFAULT_WORK,
+        direction: Annotated[str | None, typer.Option(metavar="left|right", help="to that side only")] = None,
+        class_: Annotated[str | None, typer.Option("--class", metavar="Car|Truck", help="egos of it")] = None,
+        recording: Annotated[list[int] | None, typer.Option(help="of that recording only (repeatable)")] = None,
+        reason: Annotated[
+            str | None, typer.Option(help="not the usable ones: those not used for that reason; any = all such")
+        ] = None,
+        json_: Json = False,
+        csv: Annotated[bool, typer.Option("--csv", help="print the list as CSV and nothing else")] = False,
+    ) -> None:
+        """List the lane changes of a work folder, usable ones unless --reason is given."""
+        from highd_lc.io.event_description import list_events, records
+
+        if json_ and csv:
+            raise UsageError("--json and --csv: one of them, not both")
+        found = list_events(
+            work, direction=direction, vehicle_class=class_, recordings=tuple(recording or ()), reason=reason
+        )
+        if json_:
+            print_json(console, records(found))
+            return
+        text = found.to_csv(index=False) if csv else found.to_string(index=False, na_rep="-")
+        console.print(text.rstrip("\n") if len(found) or csv else "none", **_PLAIN)
+
+
+def _add_show(app: typer.Typer, console: Console) -> None:
+    @app.command()
+    def show(
+        event_id: Annotated[str, typer.Argument(help="RR-VVVV-FFFFF: recording, ego, crossing frame")],
+        work: Work = DEFAULT_WORK,
+        json_: Json = False,
+    ) -> None:
+        """Print one lane change: its roles, frames and reasons."""
+        from highd_lc.io.event_description import describe_event, event_facts
+
+        if json_:
+            print_json(console, event_facts(work, event_id))
+            return
+        console.print(describe_event(work, event_id), **_PLAIN)
+
+
+def _add_export(app: typer.Typer, console: Console, errors: Console) -> None:
+    @app.command("export")
+    def export_(
+        event_ids: Annotated[list[str], typer.Argument(help="RR-VVVV-FFFFF of one event or of several")],
+        to: Annotated[str, typer.Option(metavar="csv|omega-prime|commonroad|openscenario", help="format")] = "csv",
+        policy: Annotated[
+            str, typer.Option(help="who plans the ego; recorded = everybody as recorded")
+        ] = "recorded",
+        work: Work = DEFAULT_WORK,
+        out: Annotated[Path, typer.Option(help="folder to write to")] = Path("exports"),
+        raw: Annotated[
+            bool, typer.Option("--raw", help="export data in HighD's format: not to be shared")
+        ] = False,
+    ) -> None:
+        """Write lane changes, recorded or planned, for other tools."""
+        from highd_lc.io.exports import export
+
+        if raw:
+            errors.print("warning: what is exported is data: of HighD it may not be shared (its licence)")
+        for event_id in event_ids:
+            for path in export(work, event_id, to, policy=policy, out=out, raw=raw):
+                console.print(str(path), **_PLAIN)

@@ -1,0 +1,187 @@
+"""Single lane changes for other people's tools: the scene of an event as a table, and written as files.
+
+A scene holds everybody of an event every 0.1 s, recorded or as a policy plans and the followers are simulated: box
+centres from the ego's centre at t_start, x along the road, y to the left [m].
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+import pandas as pd
+import pyarrow.dataset as ds
+from numpy.typing import NDArray
+
+from highd_lc.io import artefacts
+from highd_lc.io.atomic import whole_file
+from highd_lc.io.event_description import event_facts
+from highd_lc.vocab import names
+from highd_lc.vocab.errors import ArtefactError, UsageError
+from highd_lc.vocab.tables.prediction import RECORDED
+
+FloatArray = NDArray[np.float64]
+
+TARGETS: Final = ("csv", "omega-prime", "commonroad", "openscenario")
+STEP_S: Final = 0.1
+COLUMNS: Final = (
+    "role",
+    "vehicle_id",
+    "class",
+    "length",
+    "width",
+    "t",
+    "x",
+    "y",
+    "vx",
+    "vy",
+    "ax",
+    "ay",
+    "heading",
+)
+_LICENCE: Final = (
+    "recorded data in HighD's format: its licence allows no redistribution; give --raw to export it for yourself"
+)
+
+
+@dataclass(frozen=True)
+class ExportScene:
+    """One event to be written.
+
+    rows: ``COLUMNS``, a row a vehicle and 0.1 s; policy: who plans the ego, or ``recorded``; markings: y of the
+    lane markings from the right [m]; T: end of the lane change [s].
+    """
+
+    event_id: str
+    policy: str
+    rows: pd.DataFrame
+    markings: FloatArray
+    T: float
+
+    @property
+    def planned(self) -> bool:
+        """Whether a policy moves the ego."""
+        return self.policy != RECORDED
+
+    @property
+    def ego(self) -> pd.DataFrame:
+        """The ego's rows."""
+        return self.rows[self.rows["role"] == names.EGO]
+
+    @property
+    def name(self) -> str:
+        """A name for its files."""
+        return f"{self.event_id}_{self.policy.replace(':', '.')}"
+
+
+def export(
+    work: Path, event_id: str, to: str, *, policy: str = RECORDED, out: Path, raw: bool = False
+) -> list[Path]:
+    """Write an event in a format.
+
+    Args:
+        work: folder in which the stages up to validate have run.
+        event_id: of the event.
+        to: one of ``TARGETS``.
+        policy: who plans the ego; ``recorded`` = everybody as recorded.
+        out: folder to write to.
+        raw: export data in HighD's format all the same.
+
+    Returns:
+        The files.
+
+    Raises:
+        UsageError: event, policy or format is unknown, or the licence of the data forbids it without ``raw``.
+        ArtefactError: the event's motions were not written.
+        MissingExtraError: the format's library is not installed.
+    """
+    if to not in TARGETS:
+        raise UsageError(f"--to {to!r}: one of {', '.join(TARGETS)} is needed")
+    scene = export_scene(work, event_id, policy=policy, raw=raw)
+    if to == "csv":
+        return [_write_csv(scene, out)]
+    from highd_lc.io import export_formats  # whose libraries are optional
+
+    return list(export_formats.WRITERS[to](scene, out))
+
+
+def export_scene(work: Path, event_id: str, *, policy: str = RECORDED, raw: bool = False) -> ExportScene:
+    """The scene of an event. Raises as ``export``."""
+    facts = event_facts(work, event_id)
+    if not facts["usable"]:
+        raise UsageError(f"{event_id}: not usable ({facts['reason']}): there is no scene of it")
+    recording = int(facts["recording_id"])
+    quality = artefacts.read(work, "recordings", recording=recording)
+    if not raw and quality["format"].iloc[0] == "highd":
+        raise UsageError(f"{event_id}: {_LICENCE}")
+    motions = _motions(work, event_id, recording, policy)
+    sizes = pd.DataFrame(facts["roles"]).set_index("role")
+    rows = motions[motions["role"].isin(sizes.index)].copy()
+    for column, name in (
+        ("vehicle_id", "vehicle_id"),
+        ("class", "class"),
+        ("length", "length_m"),
+        ("width", "width_m"),
+    ):
+        rows[column] = sizes[name].loc[rows["role"]].to_numpy()
+    duration = float(facts["duration_s"]) if policy == RECORDED else _duration(work, event_id, recording, policy)
+    markings = _markings(work, facts, quality, rows)
+    return ExportScene(event_id, policy, rows[list(COLUMNS)].reset_index(drop=True), markings, duration)
+
+
+def _motions(work: Path, event_id: str, recording: int, policy: str) -> pd.DataFrame:
+    """Everybody's motion with all columns: of the policy those whom it moves, of the others the recorded ones."""
+    path = artefacts.partition(work, "trajectories", recording)
+    if not path.is_file():
+        raise ArtefactError(f"{path}: not found; run the stage validate")
+    table = ds.dataset(path).to_table(filter=ds.field("event_id") == event_id)
+    found: pd.DataFrame = table.to_pandas()
+    if found.empty:
+        raise ArtefactError(f"{event_id}: its motions were not written: set validate.trajectories = 'all'")
+    recorded = found[(found["policy"] == RECORDED) & (found["kind"] == "recorded")]
+    moved = found[(found["policy"] == policy) & (found["kind"] == "simulated")]
+    if policy == RECORDED:
+        moved = moved.iloc[:0]
+    elif moved.empty:
+        known = ", ".join(sorted(set(found["policy"])))
+        raise UsageError(f"{event_id}: no plan of {policy!r}; there are {known}")
+    moved = moved[moved["followers"] == moved["followers"].iloc[0]] if len(moved) else moved
+    others = recorded[~recorded["role"].isin(set(moved["role"]))]
+    chosen = pd.concat([moved, others]).astype({name: float for name in ("t", "x", "y", "vx", "ax")})
+    return pd.concat([_complete(rows) for _, rows in chosen.groupby("role", sort=False)])
+
+
+def _complete(rows: pd.DataFrame) -> pd.DataFrame:
+    """A vehicle's rows with lateral speed and acceleration, by central differences, and heading."""
+    rows = rows.sort_values("t")
+    n = len(rows)
+    vy = np.gradient(rows["y"], STEP_S) if n > 1 else np.zeros(n)
+    ay = np.gradient(vy, STEP_S) if n > 1 else np.zeros(n)
+    heading = np.where(rows["vx"] > 0.5, np.arctan2(vy, np.maximum(rows["vx"], 0.5)), 0.0)
+    return rows.assign(t=rows["t"].round(3), vy=vy, ay=ay, heading=heading)
+
+
+def _duration(work: Path, event_id: str, recording: int, policy: str) -> float:
+    plans = artefacts.read(work, "plans", recording=recording)
+    own = plans[(plans["event_id"] == event_id) & (plans["policy"] == policy)]
+    lasts = own.loc[own["accounting"] == names.PRIMARY_ACCOUNTING, "T"]
+    return float(lasts.iloc[0])
+
+
+def _markings(work: Path, facts: dict[str, Any], quality: pd.DataFrame, rows: pd.DataFrame) -> FloatArray:
+    """Markings of the event's carriageway in the scene's y."""
+    vehicles = artefacts.read(work, "vehicles", recording=int(facts["recording_id"]))
+    direction = vehicles.loc[vehicles["vehicle_id"] == facts["ego_id"], "driving_direction"].iloc[0]
+    own = quality[quality["driving_direction"] == direction].iloc[0]
+    path = artefacts.partition(work, "tracks", int(facts["recording_id"]))
+    at = (ds.field("vehicle_id") == int(facts["ego_id"])) & (ds.field("frame") == int(facts["start_frame"]))
+    y = ds.dataset(path).to_table(columns=["y"], filter=at)["y"].to_numpy()
+    return np.asarray(own["markings"], dtype=np.float64) - float(y[0])
+
+
+def _write_csv(scene: ExportScene, out: Path) -> Path:
+    path = out / f"{scene.name}.csv"
+    out.mkdir(parents=True, exist_ok=True)
+    with whole_file(path) as file:
+        file.write(scene.rows.to_csv(index=False, float_format="%.6g").encode())
+    return path

@@ -1,0 +1,112 @@
+"""The formats of recordings that can be read: one protocol, one module a format, chosen by what a folder holds."""
+
+from pathlib import Path
+from typing import Protocol
+
+from highd_lc.io import highd, highd_files, ngsim, ngsim_files
+from highd_lc.io.highd import Recording
+from highd_lc.io.highd_csv import fault
+from highd_lc.io.highd_tables import RecordingMeta, read_recording_meta
+from highd_lc.vocab.settings import IngestSettings
+
+AUTO = "auto"
+
+
+class Format(Protocol):
+    """A way in which somebody publishes recordings. All conventions of a format stay in its modules."""
+
+    name: str
+
+    def found_in(self, data: Path) -> bool:
+        """Whether a folder, or one below it, holds a file of this format."""
+
+    def discover(self, data: Path) -> list[int]:
+        """Numbers of the recordings, ascending. Raises InputError if there is none."""
+
+    def folders(self, data: Path) -> list[Path]:
+        """The folders in which the files were found."""
+
+    def remarks(self, data: Path) -> list[str]:
+        """What of the folder is left out, and why, in words."""
+
+    def input_files(self, data: Path, recording: int) -> tuple[Path, Path, Path]:
+        """The files that tell of the recording, of its vehicles and of its tracks; they may be one."""
+
+    def read(self, data: Path, recording: int, settings: IngestSettings) -> Recording:
+        """Read a recording into road coordinates. Raises InputError naming file, column and row of a fault."""
+
+    def read_meta(self, data: Path, recording: int, settings: IngestSettings) -> RecordingMeta:
+        """Its frame rate and markings. Raises InputError."""
+
+
+class _HighD:
+    """HighD: three CSV files a recording (see ``io.highd``)."""
+
+    name = "highd"
+
+    def found_in(self, data: Path) -> bool:
+        return bool(highd_files.any_in(data))
+
+    def discover(self, data: Path) -> list[int]:
+        return highd_files.discover(data)
+
+    def folders(self, data: Path) -> list[Path]:
+        return highd_files.folders(data)
+
+    def remarks(self, data: Path) -> list[str]:
+        return []
+
+    def input_files(self, data: Path, recording: int) -> tuple[Path, Path, Path]:
+        return highd_files.input_files(data, recording)
+
+    def read(self, data: Path, recording: int, settings: IngestSettings) -> Recording:
+        return highd.read_recording(data, recording)
+
+    def read_meta(self, data: Path, recording: int, settings: IngestSettings) -> RecordingMeta:
+        return read_recording_meta(highd_files.input_files(data, recording)[0])
+
+
+class _Ngsim:
+    """NGSIM as US DOT publishes it: one file with all columns, one or several periods in it (see ``io.ngsim``)."""
+
+    name = "ngsim"
+
+    def found_in(self, data: Path) -> bool:
+        return bool(ngsim_files.find_files(data))
+
+    def discover(self, data: Path) -> list[int]:
+        return list(range(1, 1 + len(ngsim_files.periods(data))))
+
+    def folders(self, data: Path) -> list[Path]:
+        return sorted({path.parent for path in ngsim_files.find_files(data)})
+
+    def remarks(self, data: Path) -> list[str]:
+        return ngsim_files.left_out(data)
+
+    def input_files(self, data: Path, recording: int) -> tuple[Path, Path, Path]:
+        path = ngsim_files.period(data, recording).path
+        return path, path, path
+
+    def read(self, data: Path, recording: int, settings: IngestSettings) -> Recording:
+        return ngsim.read_recording(ngsim_files.period(data, recording), recording, settings.ngsim_smoothing)
+
+    def read_meta(self, data: Path, recording: int, settings: IngestSettings) -> RecordingMeta:
+        return self.read(data, recording, settings).meta
+
+
+HIGHD: Format = _HighD()
+FORMATS: dict[str, Format] = {known.name: known for known in (HIGHD, _Ngsim())}
+"""By the name that the setting ``ingest.format`` and the option ``--format`` take."""
+
+
+def format_of(data: Path, name: str) -> Format:
+    """The format of a folder's recordings: the one of that name; of ``auto`` the first that the folder holds.
+
+    A folder that holds none is HighD's: its error says what the folder looks like. Raises InputError if the
+    folder holds nothing of the format that is asked for.
+    """
+    if name == AUTO:
+        return next((known for known in FORMATS.values() if known.found_in(data)), HIGHD)
+    if name != HIGHD.name and not FORMATS[name].found_in(data):
+        raise fault(data, f"no file of the format {name}, here or in a folder below")
+    return FORMATS[name]

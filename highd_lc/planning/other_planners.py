@@ -1,0 +1,149 @@
+"""Motions that somebody else's planner gives: what is asked of them, and the plan that they come to.
+
+A planner is a function of a scene. It sees what ours see and returns a motion, or a text: why it has none.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from typing import Final, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from highd_lc.planning import planner
+from highd_lc.planning.planner import Plan, PlanningProblem
+from highd_lc.planning.replay import AvMotion, replay
+from highd_lc.planning.scene import Scene
+from highd_lc.vocab import names
+
+FloatArray = NDArray[np.float64]
+
+FAULTY: Final = "faulty"
+"""Status of a planner that raised an error, or whose motion cannot be used."""
+_PLACE_M, _SPEED_MPS, _LANE_M = 0.1, 1.0, 0.5
+_DERIVED: Final = (("vx", "x"), ("vy", "y"), ("ax", "vx"), ("ay", "vy"), ("jx", "ax"), ("jy", "ay"))
+
+
+@dataclass(frozen=True)
+class PlannedMotion:
+    """A lane change by samples of the scene's dt, 0.1 s, from t = 0 to its end T = n dt; n + 1 samples.
+
+    x, y: way forward and to the left of the rear axle since t = 0 [m] (equations.md 2). vx, vy [m/s], ax, ay
+    [m/s^2], jx, jy [m/s^3]: its derivatives; those left out are differences of the one before, central inside and
+    of second order at the ends. Each of shape (n + 1,).
+    """
+
+    x: FloatArray
+    y: FloatArray
+    vx: FloatArray | None = None
+    vy: FloatArray | None = None
+    ax: FloatArray | None = None
+    ay: FloatArray | None = None
+    jx: FloatArray | None = None
+    jy: FloatArray | None = None
+
+
+Planner: TypeAlias = Callable[[Scene], PlannedMotion | str]
+
+
+@dataclass(frozen=True)
+class Given:
+    """What a planner gave in a scene: its whole motion, or None and the reason. faulty: the reason is a fault."""
+
+    motion: PlannedMotion | None = None
+    reason: str = ""
+    faulty: bool = False
+    columns: dict[str, FloatArray] = field(default_factory=dict)
+
+
+def ask(function: Planner, scene: Scene) -> Given:
+    """A planner's answer in a scene, checked. An error that it raises is a reason, whatever it is."""
+    try:
+        answer = function(scene)
+    except Exception as error:
+        return Given(reason=" ".join(f"{type(error).__name__}: {error}".split())[:300], faulty=True)
+    if isinstance(answer, str):
+        return Given(reason=answer or "no reason given")
+    if not isinstance(answer, PlannedMotion):
+        return Given(reason=f"it returned {type(answer).__name__}, neither a motion nor a text", faulty=True)
+    try:
+        columns = _columns(answer, scene.dt)
+    except (TypeError, ValueError) as error:
+        return Given(reason=f"its motion cannot be read: {error}", faulty=True)
+    if reason := _fault(columns, scene):
+        return Given(reason=reason, faulty=True)
+    return Given(PlannedMotion(**columns), columns=columns)
+
+
+def _columns(motion: PlannedMotion, dt: float) -> dict[str, FloatArray]:
+    """Every column of a motion. Raises TypeError or ValueError if one cannot be one."""
+    columns = {name: np.asarray(getattr(motion, name), dtype=np.float64) for name in ("x", "y")}
+    for name, source in _DERIVED:
+        values = getattr(motion, name)
+        if values is None and columns[source].ndim == 1 and len(columns[source]) >= 3:
+            values = np.gradient(columns[source], dt, edge_order=2)
+        columns[name] = np.asarray(values, dtype=np.float64)
+    return columns
+
+
+def _fault(columns: dict[str, FloatArray], scene: Scene) -> str:
+    """Why a motion cannot be a plan of the scene, or ""."""
+    shapes = {name: values.shape for name, values in columns.items()}
+    if len(set(shapes.values())) > 1 or columns["x"].ndim != 1:
+        return f"its columns have the shapes {', '.join(f'{n} {s}' for n, s in shapes.items())}: one is needed"
+    n = len(columns["x"]) - 1
+    if not 3 <= n < scene.samples:
+        return f"it has {n + 1} samples of {scene.dt:g} s: 4 to {scene.samples} are needed"
+    bad = [name for name, values in columns.items() if not np.isfinite(values).all()]
+    if bad:
+        return f"{bad[0]} is not finite"
+    if max(abs(columns["x"][0]), abs(columns["y"][0])) > _PLACE_M:
+        return f"it starts at ({columns['x'][0]:.2f}, {columns['y'][0]:.2f}) m, not at the ego"
+    if abs(columns["vx"][0] - scene.v0) > _SPEED_MPS:
+        return f"it starts at {columns['vx'][0]:.2f} m/s, the ego at {scene.v0:.2f} m/s"
+    if abs(columns["y"][-1] - scene.lateral_shift) > _LANE_M:
+        return f"it ends {columns['y'][-1]:.2f} m to the left: the target lane is at {scene.lateral_shift:.2f} m"
+    return ""
+
+
+def plans_of(problem: PlanningProblem, name: str, given: Given) -> list[Plan]:
+    """What a planner's answer comes to under every accounting, scored as ours: followers react, contacts count.
+
+    Nothing is rejected: limits that the motion breaks are negative margins.
+    """
+    if given.motion is None:
+        status = FAULTY if given.faulty else names.INFEASIBLE
+        if planner.overlap_at_start(problem) and not given.faulty:
+            status = names.INFEASIBLE_AT_START
+        return [Plan(name, accounting, status) for accounting in names.ACCOUNTINGS]
+    played = replay(_av(given.columns, problem), problem.packed)
+    limits = _limits(given.columns, problem)
+    found = []
+    for accounting in names.ACCOUNTINGS:
+        plan = Plan(name, accounting, names.SOLVED, replay=played, motion=given.motion)
+        met = planner.contact_of(problem, name, played, accounting)
+        margins = limits | planner.clearance_margins(problem, played, accounting)
+        found.append(replace(plan, status=names.CONTACT if met else names.SOLVED, contact=met, margins=margins))
+    return found
+
+
+def _av(columns: dict[str, FloatArray], problem: PlanningProblem) -> AvMotion:
+    """The motion on the scene's grid; what follows it is filled by ``replay``."""
+    samples, n = problem.scene.samples, len(columns["x"]) - 1
+    jerk = np.abs(columns["jx"]) + np.abs(columns["jy"])
+    x, y, vx, vy, ax, j = (np.pad(values, (0, samples - n - 1)) for values in (
+        *(columns[name] for name in ("x", "y", "vx", "vy", "ax")), jerk
+    ))  # fmt: skip
+    across = np.flatnonzero(columns["y"] / problem.scene.lateral_shift >= 0.5)
+    crossing = int(across[0]) if len(across) else samples
+    return AvMotion(x, y, vx, vy, ax, j, n=n, crossing=crossing)
+
+
+def _limits(columns: dict[str, FloatArray], problem: PlanningProblem) -> dict[str, float]:
+    """How far the motion stays inside each limit, at its samples."""
+    limit = problem.limit
+    speed = np.hypot(columns["vx"], columns["vy"])
+    found = {"speed": float(min(speed.min() - limit.v_min, limit.v_max - speed.max()))}
+    bounds = {"acceleration_x": ("ax", limit.acceleration), "acceleration_y": ("ay", limit.acceleration)}
+    bounds |= {"jerk_x": ("jx", limit.jerk), "jerk_y": ("jy", limit.jerk)}
+    return found | {name: float(bound - np.abs(columns[c]).max()) for name, (c, bound) in bounds.items()}

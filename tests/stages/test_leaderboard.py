@@ -1,0 +1,119 @@
+"""Planners of others in a run: found by name, rows of their own, and one board with ours."""
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+import running
+
+from highd_lc.io import artefacts
+from highd_lc.io import settings as settings_file
+from highd_lc.stages.other_planners import OtherPlanners, load, sources
+from highd_lc.vocab.errors import SettingsError
+
+ROOT = Path(__file__).resolve().parents[2]
+PLANNERS = ("examples.fixed_quintic:fixed_quintic", "faulty_planner:sometimes")
+FAULTY = """
+def sometimes(scene):
+    if scene.lateral_shift > 0:
+        raise RuntimeError("no left turns")
+    return "only to the left"
+
+number = 5
+"""
+
+
+@pytest.fixture(scope="module", autouse=True)
+def importable(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("planners")
+    (folder / "faulty_planner.py").write_text(FAULTY)
+    (folder / "broken_planner.py").write_text("1 / 0")
+    sys.path[:0] = [str(folder), str(ROOT)]
+    yield folder
+    sys.path.remove(str(folder))
+    sys.path.remove(str(ROOT))
+
+
+@pytest.fixture(scope="module")
+def work(tmp_path_factory):
+    quick = settings_file.load(ROOT / "tests" / "faults" / "quick.toml")
+    settings = settings_file.with_planners(quick, PLANNERS)
+    return running.validated(tmp_path_factory.mktemp("work"), (1,), settings)
+
+
+def test_every_event_has_a_row_of_each_planner_and_accounting(work):
+    rows, events = artefacts.read(work, "other_plans"), artefacts.read(work, "events")
+    assert len(rows) == 2 * 3 * len(events)
+    fixed = rows[rows["policy"] == "fixed_quintic"]
+    assert set(fixed["status"]) <= {"solved", "contact"}
+    assert (fixed["T"] == 5.0).all()
+    tracked = fixed[(fixed["accounting"] == "equal") & (fixed["status"] == "solved")]
+    assert (tracked["rmse_lateral_m"] < 0.1).all()
+    faulty = rows[rows["policy"] == "sometimes"].merge(events[["event_id", "direction"]], on="event_id")
+    expected = {"left": ("faulty", "RuntimeError: no left turns"), "right": ("infeasible", "only to the left")}
+    assert [tuple(r) for r in faulty[["status", "reason"]].to_numpy()] == [
+        expected[d] for d in faulty["direction"]
+    ]
+    assert faulty["loss_total"].isna().all()
+
+
+def test_no_quintic_costs_less_than_the_optimum_over_them(work):
+    rows, losses = artefacts.read(work, "other_plans"), artefacts.read(work, "losses")
+    ours = losses[(losses["policy"] == "local_optimum") & (losses["followers"] == "population")]
+    both = rows[rows["policy"] == "fixed_quintic"].merge(
+        ours, on=["event_id", "accounting"], suffixes=("", "_ours")
+    )
+    equal = both[(both["accounting"] == "equal") & both["loss_total"].notna()]
+    assert len(equal) > 3
+    assert (equal["loss_total"] >= equal["loss_total_ours"] - 1e-9).all()
+
+
+def test_the_board_counts_faults_and_compares_on_common_events(work):
+    board = artefacts.read(work, "leaderboard").set_index("policy")
+    events = artefacts.read(work, "events")
+    assert {"fixed_quintic", "sometimes", "benchmark", "local_optimum", "human"} <= set(board.index)
+    assert board.loc["sometimes", "n_planned"] == 0
+    assert board.loc["sometimes", "n_faulty"] == (events["direction"] == "left").sum()
+    assert board["n_common"].eq(0).all()  # one of them plans nothing at all
+    assert board["loss_total"].isna().all()
+    assert list(board["ours"][["fixed_quintic", "benchmark"]]) == [False, True]
+
+
+def test_without_planners_of_others_both_tables_are_empty(pipeline_run):
+    assert artefacts.read(pipeline_run.work, "other_plans").empty
+    assert artefacts.read(pipeline_run.work, "leaderboard").empty
+
+
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [
+        ("nowhere:plan", "ModuleNotFoundError: No module named 'nowhere'"),
+        ("faulty_planner:missing", "AttributeError"),
+        ("faulty_planner:number", "a int, not a function"),
+        ("broken_planner:plan", "ZeroDivisionError"),
+        ("unknown", "give module:function, or one of the entry points of highd_lc.planners: none"),
+        ("benchmark", "the name of a policy of this package"),
+    ],
+)
+def test_what_is_no_planner_is_told_before_any_work(name, said):
+    with pytest.raises(SettingsError, match=said):
+        load(name)
+
+
+def test_names_are_the_functions_unless_two_share_one():
+    assert list(OtherPlanners.of(PLANNERS).functions) == ["fixed_quintic", "sometimes"]
+    twice = ("examples.fixed_quintic:fixed_quintic", "examples.fixed_quintic:fixed_quintic")
+    assert list(OtherPlanners.of(twice).functions) == [twice[0]]
+
+
+def test_a_planner_s_source_is_part_of_what_a_run_depends_on(importable):
+    assert sources(["faulty_planner:sometimes"]) == [importable / "faulty_planner.py"]
+
+
+def test_times_go_to_the_log_and_not_into_tables(work):
+    log = pd.read_json(work / "run.log", lines=True)
+    assert set(log["planner"]) == {"fixed_quintic", "sometimes", "local_optimum"}
+    assert (log["ms_median"] >= 0.0).all()
+    assert np.isfinite(log["ms_largest"]).all()
