@@ -121,7 +121,14 @@ def _print_confirmed(outcome: Outcome) -> None:
 
 def _print_results(stage: str, options: Options, model: str) -> None:
     from highd_lc.io import artefacts
-    from highd_lc.reporting.terminal import aims_table, lcm_table, matrix_table, prediction_lines, prediction_table
+    from highd_lc.reporting.terminal import (
+        aims_table,
+        lcm_table,
+        matrix_table,
+        prediction_lines,
+        prediction_table,
+        price_words,
+    )
     from highd_lc.stages.overview_pages import followers_believed, missing_pages
 
     if stage == "calibrate":
@@ -135,6 +142,7 @@ def _print_results(stage: str, options: Options, model: str) -> None:
     if stage in ("validate", "report"):
         console.print(*followers_believed(options.work, model), sep="\n", markup=False, highlight=False)
         console.print(matrix_table(artefacts.read(options.work, "validation_matrix")))
+        console.print(price_words(artefacts.read(options.work, "safety_price")))
     if stage == "report":
         console.print(f"report: {_page(options)}", soft_wrap=True)
 

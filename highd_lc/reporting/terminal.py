@@ -4,7 +4,7 @@ The scenarios' claims on the terminal.
 """
 
 from collections.abc import Iterable, Iterator
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pandas as pd
@@ -39,6 +39,29 @@ def matrix_table(matrix: pd.DataFrame) -> Table:
         about = (row.followers, row.form, _SHORT[row.accounting]) if several else (row.form, row.accounting)
         table.add_row(*about, *counts, _percent(row.gain), interval, *(_percent(s, 1) for s in shares))
     return table
+
+
+def price_words(price: pd.DataFrame) -> str:
+    """What the safety profile costs, in a line: gains under both profiles on the events feasible under both."""
+    rows = price[price["accounting"] == names.PRIMARY_ACCOUNTING]
+    if rows.empty:
+        return "The price of safety was not asked for (studies.safety_sample = 0), or no event was planned."
+    said = []
+    for form, of_form in rows.groupby("form", sort=False):
+        cells = [
+            f"{row.safety} {_percent(row.gain)} %{_of_added(row.gain_incremental)} ({row.infeasible} of "
+            f"{row.n_events} infeasible)"
+            for row in cast(Iterable[Any], of_form.itertuples())
+        ]
+        said.append(
+            f"{form} end speed, {of_form['n_both'].iloc[0]} events feasible under both: {', '.join(cells)}"
+        )
+    return f"The price of safety, gain under each profile: {'; '.join(said)}."
+
+
+def _of_added(gain: float) -> str:
+    """The gain of what the lane change adds to the loss; nothing where it adds none."""
+    return f", {_percent(gain)} % of what the change adds" if np.isfinite(gain) else ""
 
 
 def lcm_table(summary: pd.DataFrame) -> Table:

@@ -45,7 +45,8 @@ _MOST_FOLLOWERS = 3
 class Samples:
     """Ids of the events that are studied, of those on which the solvers are compared, of those whose start is
     chosen as well, of those among them that are planned with predicted leaders, of those whose plans the
-    multi-body car drives, of those that the further follower models plan too, and of those with written motions.
+    multi-body car drives, of those that the further follower models plan too, of those with written motions, and
+    of those that are planned under both safety profiles.
     """
 
     studied: frozenset[str]
@@ -55,6 +56,7 @@ class Samples:
     multi_body: frozenset[str]
     also: frozenset[str]
     traced: frozenset[str]
+    priced: frozenset[str]
 
 
 def samples(job: Job) -> Samples:
@@ -64,7 +66,7 @@ def samples(job: Job) -> Samples:
     drawn = _drawn(job.work, drawn_at, settings, job.settings.seed)
     if not settings.studies.chosen:
         return drawn
-    studies = ("studied", "compared", "started", "foreseen", "multi_body")
+    studies = ("studied", "compared", "started", "foreseen", "multi_body", "priced")
     return replace(drawn, **dict.fromkeys(studies, frozenset(settings.studies.chosen)))
 
 
@@ -89,6 +91,7 @@ def _drawn(work: Path, written: int, settings: ValidateSettings, seed: int) -> S
         multi_body=sample(studies.multibody_sample),
         also=sample(settings.followers.also_sample),
         traced=sample(_ALL if every else _TRACED[settings.trajectories]),
+        priced=sample(studies.safety_sample),
     )
 
 
