@@ -141,6 +141,7 @@ def _print_results(stage: str, options: Options, model: str) -> None:
         matrix_table,
         prediction_lines,
         prediction_table,
+        price_words,
     )
     from highd_lc.stages.overview_pages import followers_believed, missing_pages
 
@@ -158,6 +159,7 @@ def _print_results(stage: str, options: Options, model: str) -> None:
         board = artefacts.read(options.work, "leaderboard")
         if len(board):
             console.print(leaderboard_table(board))
+        console.print(price_words(artefacts.read(options.work, "safety_price")))
     if stage == "report":
         console.print(f"report: {_page(options)}", soft_wrap=True)
 

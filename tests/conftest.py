@@ -36,7 +36,7 @@ def small_studies(settings: Settings) -> Settings:
     values = settings.model_dump(by_alias=True)
     few = {"sample": 1, "start_sample": 25, "foresight_sample": 0, "solver_sample": 1, "solver_starts": 1}
     few |= {"draws": 2, "replans": 1, "population": 8, "generations": 2, "horizons_s": (5.0,)}
-    few |= {"multibody_sample": 1}
+    few |= {"multibody_sample": 1, "safety_sample": 4}
     values["validate"]["studies"] |= few
     return Settings.model_validate(values)
 

@@ -103,6 +103,15 @@ def bounded(a: float, hardest: float) -> float:
 
 
 @njit(inline="always", fastmath={"contract"})
+def gentle(a: float, before: float, most: float, step: float) -> float:
+    """A command a [m/s^2] of at most ``most`` either way that differs from the one before by ``step`` at most.
+
+    Infinite bounds leave it as it is.
+    """
+    return min(max(a, max(before - step, -most)), min(before + step, most))
+
+
+@njit(inline="always", fastmath={"contract"})
 def advance(x: float, v: float, a: float, dt: float) -> tuple[float, float]:
     """Position [m] and speed [m/s], at least 0, a step dt [s] later under the command a [m/s^2]."""
     faster = max(v + a * dt, 0.0)

@@ -153,17 +153,28 @@ def semi_axes(length: float, width: float) -> tuple[float, float]:
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def ellipses_overlap(
-    dx: float, dy: float, cos: float, sin: float, a1: float, b1: float, a2: float, b2: float
+    dx: float, dy: float, cos: float, sin: float, a1: float, b1: float, a2: float, b2: float, margin: float = 0.0
 ) -> bool:
     """Whether two ellipses at rest overlap: ``ellipses_touch`` with (dx, dy) at both ends."""
-    return ellipses_touch(dx, dy, dx, dy, cos, sin, a1, b1, a2, b2)
+    return ellipses_touch(dx, dy, dx, dy, cos, sin, a1, b1, a2, b2, margin)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def ellipses_touch(
-    x0: float, y0: float, x1: float, y1: float, cos: float, sin: float, a1: float, b1: float, a2: float, b2: float
+    x0: float,
+    y0: float,
+    x1: float,
+    y1: float,
+    cos: float,
+    sin: float,
+    a1: float,
+    b1: float,
+    a2: float,
+    b2: float,
+    margin: float = 0.0,
 ) -> bool:
-    """Whether ``swept_clearance`` < 0, decided cheaply where possible: arguments as there, cos and sin of heading.
+    """Whether ``swept_clearance`` < margin [m], at least 0, decided cheaply where possible: arguments as there,
+    cos and sin of heading.
 
     A point inside both ellipses at the end proves that they touch; separation along one direction proves that
     they do not: the direction tried is the normal of the ellipse with the summed semi-axes at the path's nearest
@@ -183,6 +194,6 @@ def ellipses_touch(
         n_x, n_y = n_x / norm, n_y / norm
         along, across = n_x * cos + n_y * sin, n_y * cos - n_x * sin
         nearest = min(x0 * n_x + y0 * n_y, x1 * n_x + y1 * n_y)
-        if nearest >= math.hypot(a1 * along, b1 * across) + math.hypot(a2 * n_x, b2 * n_y):
+        if nearest >= math.hypot(a1 * along, b1 * across) + math.hypot(a2 * n_x, b2 * n_y) + margin:
             return False
-    return swept_clearance(x0, y0, x1, y1, math.atan2(sin, cos), a1, b1, a2, b2) < 0.0
+    return swept_clearance(x0, y0, x1, y1, math.atan2(sin, cos), a1, b1, a2, b2) < margin

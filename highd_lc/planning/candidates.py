@@ -21,6 +21,7 @@ from highd_lc.core.drive import (
     credited,
     family_command,
     follower_command,
+    gentle,
     jump,
     lcm_command,
     remembered,
@@ -48,6 +49,7 @@ from highd_lc.planning.contacts import (
     meet_origin_follower,
 )
 from highd_lc.planning.crowd import Crowd, own_crowd, together, with_drivers
+from highd_lc.planning.safety import keep_ahead, keep_behind, starts_critically
 from highd_lc.planning.scene import FAMILY, MOMENT, PackedScene, Scene
 from highd_lc.vocab.settings import LossSettings
 
@@ -74,7 +76,8 @@ class Outcomes(NamedTuple):
     """Losses of candidates, each of shape (rows, candidates): of the AV and the followers charged to T and to H.
 
     contact: first sample at which ellipses overlap or somebody is past its leader's rear (NO_CONTACT if none);
-    role: which contact that is (see ``scene.contact_words``).
+    role: which contact that is (see ``scene.contact_words``). unsafe: 1 + index in ``limits.SAFETY`` of what a
+    safety profile asks in vain, 0: nothing.
     """
 
     av_T: FloatArray
@@ -83,6 +86,7 @@ class Outcomes(NamedTuple):
     hv_H: FloatArray
     contact: IntArray
     role: IntArray
+    unsafe: IntArray
 
 
 def loss_terms(scene: Scene, weights: FloatArray, settings: LossSettings) -> LossTerms:
@@ -122,7 +126,8 @@ def evaluate(
 def new_outcomes(shape: tuple[int, ...]) -> Outcomes:
     """Room for the outcomes of candidates in an array of that shape."""
     av_T, av_H, hv_T, hv_H = (np.empty(shape) for _ in range(4))
-    return Outcomes(av_T, av_H, hv_T, hv_H, np.empty(shape, np.int64), np.empty(shape, np.int64))
+    contact, role, unsafe = (np.empty(shape, np.int64) for _ in range(3))
+    return Outcomes(av_T, av_H, hv_T, hv_H, contact, role, unsafe)
 
 
 @njit(cache=True, nogil=True, **UNALIASED)
@@ -142,7 +147,8 @@ def evaluate_into(
     ahead, own, ahead_v = np.empty(samples * WIDTH), np.empty(samples * WIDTH), np.empty(samples * WIDTH)
     state = np.empty(STATE_ROWS * WIDTH)
     y, vy, reach = np.empty(samples), np.empty(samples), np.empty(samples)
-    contact, role = np.empty(WIDTH, np.int64), np.empty(WIDTH, np.int64)
+    contact, role, unsafe = np.empty(WIDTH, np.int64), np.empty(WIDTH, np.int64), np.empty(WIDTH, np.int64)
+    critical = 1 if starts_critically(scene) else 0
     each_T, each_H = np.empty((len(crowd.first_L), WIDTH)), np.empty((len(crowd.first_L), WIDTH))
     rear = scene.target_front - scene.target_length
     behind_leader = scene.asks_all and np.isfinite(rear[0])
@@ -153,13 +159,15 @@ def evaluate_into(
             for w in range(WIDTH):
                 at = first + min(w, used - 1)
                 state[DELTA * WIDTH + w], state[CHANGE * WIDTH + w] = delta[row, at], change[row, at]
-                contact[w], role[w] = NO_CONTACT, -1
+                contact[w], role[w], unsafe[w] = NO_CONTACT, -1, critical
             _drive_av(n[row], state, scene, terms, av_front, av_v)
             for w in range(used):
                 out.av_T[row, first + w] = state[TO_T * WIDTH + w]
                 out.av_H[row, first + w] = state[TO_H * WIDTH + w]
             lateral_motion(n[row], state, scene, y, vy, reach)
             meet_leaders(n[row], scene, av_front, av_v, y, vy, reach, contact, role)
+            if scene.safety.asked:
+                keep_ahead(n[row], state, scene, av_front, av_v, unsafe)
             if behind_leader:
                 drive_through(n[row] // 2, samples, 3 * roles + leaders - 1, rear, state, av_front, contact, role)
             for draw in range(len(crowd.first_L)):
@@ -176,6 +184,8 @@ def evaluate_into(
                         each_T[draw, w] += terms.weights[i] * state[TO_T * WIDTH + w]
                         each_H[draw, w] += terms.weights[i] * state[TO_H * WIDTH + w]
                     asks = draw == 0 or crowd.rejects_all
+                    if asks and scene.safety.asked and i == 0:
+                        keep_behind(n[row], state, drawn, av_front, av_v, own, ahead_v, unsafe)
                     if asks and scene.asks_all:
                         who = (1 if i else 2) * roles + leaders + i
                         length = scene.follower_length[i - 1] if i else scene.length
@@ -193,6 +203,7 @@ def evaluate_into(
                 meet_origin_follower(n[row], state, scene, av_front, av_v, y, vy, reach, own, contact, role)
             for w in range(used):
                 out.contact[row, first + w], out.role[row, first + w] = contact[w], role[w]
+                out.unsafe[row, first + w] = unsafe[w]
 
 
 @njit(cache=True, nogil=True, fastmath={"contract", "arcp"}, error_model="numpy", **UNALIASED)
@@ -206,6 +217,7 @@ def _drive_av(
 ) -> None:
     """Plan to n, then the drive after T; fills fronts and speeds, and the losses in the scratch."""
     dt, v0, half, hardest = scene.dt, scene.v0, scene.length / 2.0, scene.hardest
+    most, step = scene.safety.acceleration, scene.safety.jerk * scene.dt
     T = n * dt
     v_desire, A, b, B, tau, L = scene.av_parameters
     comfort, efficiency, ref = terms.comfort, terms.efficiency, terms.av_ref
@@ -234,6 +246,7 @@ def _drive_av(
         a = after * lcm_command(
             v, scene.target_front[n] - x, scene.target_v[n], v_desire, A, b, B, tau, L, hardest
         )
+        a = gentle(a, 0.0, most, step)
         state[FRONT * WIDTH + w], state[SPEED * WIDTH + w], state[COMMAND * WIDTH + w] = x, v, a
         state[TO_H * WIDTH + w] = state[TO_T * WIDTH + w] + handover * abs(a)
     for k in range(n + 1, len(scene.target_v)):
@@ -242,6 +255,7 @@ def _drive_av(
             before = state[COMMAND * WIDTH + w]
             x, v = advance(state[FRONT * WIDTH + w], state[SPEED * WIDTH + w], before, dt)
             a = after * lcm_command(v, target - x, target_v, v_desire, A, b, B, tau, L, hardest)
+            a = gentle(a, before, most, step)
             short = ref - v
             state[TO_H * WIDTH + w] += comfort * (abs(a - before) / dt) + efficiency * max(
                 short, -both_sides * short

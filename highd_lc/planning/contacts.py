@@ -25,7 +25,8 @@ NO_CONTACT = 1_000_000
 """Sample of the first contact of a candidate that has none."""
 
 # Rows of a tile's scratch: the candidates, losses to T and to H, a vehicle on its way (front, speed, command), how
-# near it has come to its leader, and what it credits of its change of leader (spacing, speed).
+# near it has come to its leader, and what it credits of its change of leader (spacing, speed). JUMP is free once a
+# vehicle has driven: it then holds by how much a gap exceeds what is asked.
 DELTA, CHANGE, TO_T, TO_H, FRONT, SPEED, COMMAND, NEAREST, JUMP, V_JUMP = range(10)
 STATE_ROWS = 10
 
@@ -106,7 +107,7 @@ def _record(
     x0, y0 = before[0] + r * (1.0 - cos), before[1] - r * sin
     cos, sin = _course(now[2], now[3])
     x1, y1 = now[0] + r * (1.0 - cos), now[1] - r * sin
-    if ellipses_touch(x0, y0, x1, y1, cos, sin, scene.a, scene.b, a2, b2):
+    if ellipses_touch(x0, y0, x1, y1, cos, sin, scene.a, scene.b, a2, b2, scene.safety.clearance):
         contact[w], role[w] = k, who
 
 
@@ -126,11 +127,11 @@ def meet_leaders(
     half = scene.length / 2.0
     for i in range(len(scene.leader_a)):
         a2, b2 = scene.leader_a[i], scene.leader_b[i]
-        limit = scene.a + a2 + scene.rear_to_centre
+        limit = scene.a + a2 + scene.rear_to_centre + scene.safety.clearance
         for k in range(len(y)):
             j = max(k - 1, 0)
             dy0, dy = scene.leader_y[i, j] - y[j], scene.leader_y[i, k] - y[k]
-            if min(abs(dy0), abs(dy)) >= max(reach[j], reach[k]) + b2:
+            if min(abs(dy0), abs(dy)) >= max(reach[j], reach[k]) + b2 + scene.safety.clearance:
                 continue
             shift0, shift = scene.leader_x[i, j] + half, scene.leader_x[i, k] + half
             if _near(k, shift, limit + _STEP, av_front) == 0:
@@ -163,12 +164,12 @@ def _meet_behind(
     """Contacts until sample ``last`` with a vehicle that reacts to each candidate. back: front to centre [m]."""
     shift = scene.length / 2.0 - back
     a2, b2 = axes
-    limit = scene.a + a2 + scene.rear_to_centre
+    limit = scene.a + a2 + scene.rear_to_centre + scene.safety.clearance
     for k in range(last + 1):
         j = max(k - 1, 0)
         dy0, dy = other_y - y[j], other_y - y[k]
         if (
-            min(abs(dy0), abs(dy)) >= max(reach[j], reach[k]) + b2
+            min(abs(dy0), abs(dy)) >= max(reach[j], reach[k]) + b2 + scene.safety.clearance
             or _near_pair(k, shift, limit + _STEP, av_front, front) == 0
         ):
             continue

@@ -74,6 +74,7 @@ def with_drivers(scene: PackedScene, crowd: Crowd, draw: int) -> PackedScene:
         counts_handover=scene.counts_handover,
         hardest=scene.hardest,
         asks_all=scene.asks_all,
+        safety=scene.safety,
     )
 
 

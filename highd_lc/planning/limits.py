@@ -11,17 +11,33 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from highd_lc.core.quintic import END_JY, PEAK_AY, Quintic, forward_extrema, speed_extrema
+from highd_lc.core.quintic import (
+    END_JY,
+    PEAK_AY,
+    Quintic,
+    forward_extrema,
+    q_curvature,
+    q_rate,
+    speed_extrema,
+    z_curvature,
+    z_rate,
+)
 from highd_lc.planning.replay import Replay, origin_follower_motion
 from highd_lc.planning.scene import Motion, PackedScene
 from highd_lc.vocab import names
-from highd_lc.vocab.settings import ConstraintSettings
+from highd_lc.vocab.settings import ConstraintSettings, ValidateSettings
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
-CONSTRAINTS: Final = ("jerk_y", "acceleration_y", "speed", "acceleration_x", "jerk_x")
+CONSTRAINTS: Final = ("jerk_y", "acceleration_y", "speed", "acceleration_x", "jerk_x", "curvature", "yaw_rate")
 """Dynamic constraints in the order in which they are tested; a violation is numbered 1 + its index."""
+INSERTION: Final = "insertion_gap"
+TIME_GAP_AHEAD, DRAC_AHEAD, TIME_GAP_BEHIND, DRAC_BEHIND, SPEED_AFTER_T = (
+    "time_gap_ahead", "drac_ahead", "time_gap_behind", "drac_behind", "speed_after_T",
+)  # fmt: skip
+SAFETY: Final = (INSERTION, TIME_GAP_AHEAD, DRAC_AHEAD, SPEED_AFTER_T, TIME_GAP_BEHIND, DRAC_BEHIND)
+"""Constraints of a safety profile; one that fails is numbered 1 + its index (see ``contacts``)."""
 # Rounding of T = n dt must not decide whether a plan on a limit passes.
 _SLACK = 1e-9
 # Far above the rounding of an extremum: a speed below the limit by this much needs none.
@@ -29,17 +45,35 @@ _CLEAR = 1e-6
 
 
 class Limits(NamedTuple):
-    """Lowest and highest speed [m/s], largest |acceleration| [m/s^2] and |jerk| [m/s^3]."""
+    """Lowest and highest speed [m/s], largest |acceleration| [m/s^2] and |jerk| [m/s^3].
+
+    Of a safety profile alone, else infinite: the largest |a_y| [m/s^2], |curvature| [1/m] and |yaw rate| [rad/s].
+    """
 
     v_min: float
     v_max: float
     acceleration: float
     jerk: float
+    lateral: float = math.inf
+    curvature: float = math.inf
+    yaw_rate: float = math.inf
 
 
 def limits(v0: float, settings: ConstraintSettings) -> Limits:
     """The limits of an event: v_min is at most 0.8 v0 (equations.md 5). v0 in m/s."""
     return Limits(min(settings.v_min, 0.8 * v0), settings.v_max, settings.acceleration, settings.jerk)
+
+
+def limits_of(v0: float, settings: ValidateSettings, wheelbase: float) -> Limits:
+    """The limits of an event under the settings' safety profile. v0 in m/s; wheelbase of the AV [m]."""
+    found, safety = limits(v0, settings.constraints), settings.safety
+    if not safety.asked:
+        return found
+    return found._replace(
+        lateral=safety.lateral_acceleration or math.inf,
+        curvature=math.tan(safety.steering) / wheelbase,
+        yaw_rate=safety.yaw_rate,
+    )
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -50,7 +84,7 @@ def violation(T: float, delta: float, change: float, v0: float, D: float, limit:
     """
     if END_JY * abs(D) / T**3 > limit.jerk + _SLACK:
         return 1
-    if PEAK_AY * abs(D) / T**2 > limit.acceleration + _SLACK:
+    if PEAK_AY * abs(D) / T**2 > min(limit.acceleration, limit.lateral) + _SLACK:
         return 2
     alpha, beta = delta / (T * T), change / T
     v_low, v_high, a_high, j_high = forward_extrema(alpha, beta, v0, T)
@@ -67,7 +101,32 @@ def violation(T: float, delta: float, change: float, v0: float, D: float, limit:
         return 4
     if j_high > limit.jerk + _SLACK:
         return 5
+    # The acceleration bounds both turns: a sample of the motion decides only rarely.
+    bound = math.hypot(a_high, PEAK_AY * D / (T * T))
+    if bound > limit.curvature * v_low * v_low or bound > limit.yaw_rate * v_low:
+        curvature, yaw_rate = turns(alpha, beta, v0, D, T)
+        if curvature > limit.curvature + _SLACK:
+            return 6
+        if yaw_rate > limit.yaw_rate + _SLACK:
+            return 7
     return 0
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def turns(alpha: float, beta: float, v0: float, D: float, T: float) -> tuple[float, float]:
+    """Largest |curvature| [1/m] and |yaw rate| [rad/s] of a manoeuvre, at its ends and 63 moments between."""
+    gamma, curvature, yaw_rate = D / (T * T), 0.0, 0.0
+    for i in range(65):
+        u = i / 64.0
+        vx = v0 + T * (alpha * z_rate(u) + beta * q_rate(u))
+        vy = T * gamma * z_rate(u)
+        ax, ay = alpha * z_curvature(u) + beta * q_curvature(u), gamma * z_curvature(u)
+        turned = abs(vx * ay - vy * ax)
+        square = vx * vx + vy * vy
+        if turned > 0.0:
+            yaw_rate = max(yaw_rate, turned / square if square > 0.0 else np.inf)
+            curvature = max(curvature, turned / (square * math.sqrt(square)) if square > 0.0 else np.inf)
+    return curvature, yaw_rate
 
 
 @njit(inline="always")
@@ -95,13 +154,17 @@ def margins(plan: Quintic, limit: Limits) -> dict[str, float]:
     alpha, beta = delta / T**2, change / T
     _, _, a_high, j_high = forward_extrema(alpha, beta, plan.v0, T)
     low, high = speed_extrema(alpha, beta, plan.v0, plan.D, T)
-    return {
+    found = {
         "speed": min(low - limit.v_min, limit.v_max - high),
         "acceleration_x": limit.acceleration - a_high,
-        "acceleration_y": limit.acceleration - PEAK_AY * abs(plan.D) / T**2,
+        "acceleration_y": min(limit.acceleration, limit.lateral) - PEAK_AY * abs(plan.D) / T**2,
         "jerk_x": limit.jerk - j_high,
         "jerk_y": limit.jerk - END_JY * abs(plan.D) / T**3,
     }
+    if math.isinf(limit.curvature):
+        return found
+    curvature, yaw_rate = turns(alpha, beta, plan.v0, plan.D, T)
+    return found | {"curvature": limit.curvature - curvature, "yaw_rate": limit.yaw_rate - yaw_rate}
 
 
 def forward_interval(T: FloatArray, change: FloatArray, v0: float, limit: Limits) -> tuple[FloatArray, FloatArray]:
@@ -135,6 +198,7 @@ class Pair:
     first: int
     follower: str
     leader: str
+    front: FloatArray
 
     def contact(self, first: int, last: int) -> int | None:
         """The first of the samples first .. last at which the follower's front is past the leader's rear."""
@@ -178,7 +242,7 @@ def _lane(replay: Replay, scene: PackedScene) -> tuple[list[_Vehicle], int]:
 def _pairs(lane: list[_Vehicle], firsts: list[int]) -> list[Pair]:
     """Each vehicle with the one before it, where there is one. firsts: the sample from which each counts."""
     return [
-        Pair(ahead[1] - behind[1] - ahead[3], behind[2], ahead[2], ahead[3], first, behind[0], ahead[0])
+        Pair(ahead[1] - behind[1] - ahead[3], behind[2], ahead[2], ahead[3], first, behind[0], ahead[0], behind[1])
         for ahead, behind, first in zip(lane, lane[1:], firsts[1:], strict=False)
         if np.isfinite(ahead[1][0])
     ]

@@ -11,7 +11,7 @@ The loss surface of an event over (T, x_final), with its feasible region and the
 """
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cache, partial
 from typing import Any, Final
 
@@ -20,9 +20,9 @@ from numpy.typing import NDArray
 
 from highd_lc.core.losses import joint_objective
 from highd_lc.planning.contacts import WIDTH
-from highd_lc.planning.limits import forward_interval
+from highd_lc.planning.limits import SAFETY, forward_interval
 from highd_lc.planning.planner import PlanningProblem
-from highd_lc.planning.pool import Goal, Pool, Task
+from highd_lc.planning.pool import OVERTAKES, Goal, Pool, Task
 from highd_lc.planning.search import possible_durations, search
 from highd_lc.planning.start_search import search_starts
 from highd_lc.planning.starts import CONTAINED, StartProblem, best_of
@@ -319,6 +319,9 @@ EVERY: Final = 2
 """Every second duration of the planner's grid has a row."""
 ON_SURFACE: Final = (names.CONSTANT, names.HUMAN, *PAIRS[names.FIXED])
 """The policies that are points of the surface: end speed = start speed, or nearly so (human)."""
+MOTION, CONTACT = "motion", "contact"
+BLOCKERS: Final = ("", MOTION, CONTACT, *SAFETY)
+"""What may stand in a candidate's way: nothing, limits of motion, somebody, a constraint of the safety profile."""
 _SMALLEST_HALF_WIDTH_M: Final = 12.0
 _MARGIN: Final = 1.25
 
@@ -339,7 +342,8 @@ class LossSurface:
 
     T [s], shape (m,); x_offset: x_final - v0 T [m], shape (n,), the same for every T; v0 [m/s]. By accounting:
     loss_av, loss_hv, shape (m, n), also where a limit is violated (NaN where vehicles run through each other
-    without bound); feasible: boolean, shape (m, n). points: optima, human and constant speed.
+    without bound); feasible: boolean, shape (m, n); blocked: place in ``BLOCKERS`` of what a candidate
+    breaks first, 0 = nothing, shape (m, n). points: optima, human and constant speed.
     """
 
     T: FloatArray
@@ -349,6 +353,7 @@ class LossSurface:
     loss_hv: Mapping[str, FloatArray]
     feasible: Mapping[str, NDArray[np.bool_]]
     points: tuple[SurfacePoint, ...]
+    blocked: Mapping[str, NDArray[np.uint8]] = field(default_factory=dict)
 
     @property
     def x_final(self) -> FloatArray:
@@ -378,7 +383,16 @@ def loss_surface(problem: PlanningProblem, points: tuple[SurfacePoint, ...]) -> 
         loss_hv={names.PAPER: hv_T, names.FOLLOWER_HORIZON: hv_H, names.EQUAL: hv_H},
         feasible={a: pool.feasible(a).reshape(n.size, -1) for a in names.ACCOUNTINGS},
         points=points,
+        blocked={a: blocked(pool, a).reshape(n.size, -1) for a in names.ACCOUNTINGS},
     )
+
+
+def blocked(pool: Pool, accounting: str) -> NDArray[np.uint8]:
+    """What each candidate breaks first, by its place in ``BLOCKERS``."""
+    moving, code = pool.within_limits, pool.violation
+    found = np.where(code > OVERTAKES, BLOCKERS.index(SAFETY[0]) + code - OVERTAKES - 1, 0)
+    found = np.where(moving & pool.touches(accounting), BLOCKERS.index(CONTACT), found)
+    return np.where(moving, found, BLOCKERS.index(MOTION)).astype(np.uint8)
 
 
 def _table(pool: Pool, name: str, rows: int) -> FloatArray:

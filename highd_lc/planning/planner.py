@@ -24,6 +24,7 @@ from highd_lc.planning.replay import (
     plan_motion,
     replay,
 )
+from highd_lc.planning.safety import binding, human_margins, kept
 from highd_lc.planning.scene import PackedScene, Scene, contact_words, obstacle_roles, pack
 from highd_lc.planning.search import nominal_rejections, search
 from highd_lc.vocab import names
@@ -57,6 +58,9 @@ class Plan:
     constraint's unit, of the plan or, when infeasible, the closest of any candidate. delay_s: from t_start to the
     start of the quintic [s]; gap: where the AV goes. contact: who drives through whom (``names.through``), or "".
     motion: of a plan that somebody else made.
+    moments: when the margin of a safety profile's constraint is smallest [s from t_start]. fallback: what the AV
+    does where it may not do what the policy asks for: ``names.WAIT``, ``names.NO_LANE_CHANGE``, or ""; binding:
+    the constraint that forbids it.
     """
 
     policy: str
@@ -72,6 +76,9 @@ class Plan:
     gap: str = names.RECORDED_GAP
     contact: str = ""
     motion: "PlannedMotion | None" = None
+    moments: dict[str, float] = field(default_factory=dict)
+    fallback: str = ""
+    binding: str = ""
 
     @property
     def at_bound(self) -> list[str]:
@@ -105,7 +112,7 @@ class PlanningProblem:
     @property
     def task(self) -> Task:
         """The search that this problem poses."""
-        return Task(self.packed, self.terms, self.limit, self.settings.planner)
+        return Task(self.packed, self.terms, self.limit, self.settings.search)
 
     @cached_property
     def _searched(self) -> dict[str, Pool]:
@@ -132,7 +139,7 @@ def pose(scene: Scene, settings: ValidateSettings) -> PlanningProblem:
         scene,
         packed,
         loss_terms(scene, packed.weights, settings.loss),
-        limits.limits(scene.v0, settings.constraints),
+        limits.limits_of(scene.v0, settings, scene.wheelbase),
         settings,
         obstacle_roles(scene),
     )
@@ -199,13 +206,29 @@ def best_plan(
     best = pool.best(goal)
     if best is None:
         margin = closest_margins(problem, pool, goal.accounting)
-        return Plan(policy, goal.accounting, names.INFEASIBLE, None, None, np.nan, count, rejected, margin)
+        return replace(
+            Plan(policy, goal.accounting, names.INFEASIBLE, None, None, np.nan, count, rejected, margin),
+            fallback=names.NO_LANE_CHANGE,
+            binding=binding(problem.packed, rejected),
+        )
     quintic = problem.task.quintic(int(pool.n[best]), float(pool.delta[best]), float(pool.change[best]))
     if quintic not in replays:
         replays[quintic] = replay(plan_motion(quintic, problem.packed), problem.packed)
     value = float(pool.objective(goal)[best])
     margin = plan_margins(problem, quintic, replays[quintic], goal.accounting)
-    return Plan(policy, goal.accounting, names.SOLVED, quintic, replays[quintic], value, count, rejected, margin)
+    plan = Plan(policy, goal.accounting, names.SOLVED, quintic, replays[quintic], value, count, rejected, margin)
+    return keeping(plan, problem.packed)
+
+
+def keeping(plan: Plan, scene: PackedScene) -> Plan:
+    """The plan with its margins under the safety profile, if that asks anything of who changes lane.
+
+    scene: as packed for the event, whose lane the replay's pairs are on.
+    """
+    if not scene.safety.asked or plan.replay is None or plan.policy == names.NO_LANE_CHANGE:
+        return plan
+    found = kept(plan.replay, scene, scene.safety, start=round(plan.delay_s / scene.dt))
+    return replace(plan, margins=plan.margins | found.margins, moments=found.moments)
 
 
 def reference_plans(problem: PlanningProblem, policy: str) -> list[Plan]:
@@ -220,19 +243,22 @@ def reference_plans(problem: PlanningProblem, policy: str) -> list[Plan]:
         # The recorded path is that of the box centre: nothing to move for the clearances.
         centred = problem.packed._replace(rear_to_centre=0.0)
         played = replay(human_motion(problem.scene.driver, centred), centred)
-        motion = human_margins(problem)
+        motion = human_margins(problem.scene.driver, problem.limit)
     else:
         played = stay(problem)
     met = {accounting: contact_of(problem, policy, played, accounting) for accounting in names.ACCOUNTINGS}
     return [
-        Plan(
-            policy,
-            accounting,
-            names.CONTACT if met[accounting] else names.REFERENCE,
-            quintic,
-            played,
-            margins=motion | plan_margins(problem, quintic, played, accounting),
-            contact=met[accounting],
+        keeping(
+            Plan(
+                policy,
+                accounting,
+                names.CONTACT if met[accounting] else names.REFERENCE,
+                quintic,
+                played,
+                margins=motion | plan_margins(problem, quintic, played, accounting),
+                contact=met[accounting],
+            ),
+            problem.packed,
         )
         for accounting in names.ACCOUNTINGS
     ]
@@ -296,15 +322,21 @@ def start_clearances(problem: PlanningProblem) -> dict[str, float]:
 
 
 def overlap_at_start(problem: PlanningProblem) -> list[str]:
-    """Roles whose ellipse overlaps the AV's at t_start already."""
-    return [role for role, clearance in start_clearances(problem).items() if clearance < 0.0]
+    """Roles whose ellipse overlaps the AV's at t_start already, or is nearer than the safety profile allows."""
+    nearest = problem.packed.safety.clearance
+    return [role for role, clearance in start_clearances(problem).items() if clearance < nearest]
 
 
 def infeasible_at_start(problem: PlanningProblem, planned: list[str]) -> list[Plan]:
     """The plans of policies for an event whose ellipses overlap at t_start already, with the clearances there."""
-    margin = {f"clearance_{role}": clearance for role, clearance in start_clearances(problem).items()}
+    nearest = problem.packed.safety.clearance
+    margin = {f"clearance_{role}": clearance - nearest for role, clearance in start_clearances(problem).items()}
+    binds = min(margin, key=lambda name: margin[name])
     cells = [(policy, accounting) for policy in planned for accounting in names.ACCOUNTINGS]
-    return [Plan(*cell, names.INFEASIBLE_AT_START, margins=margin) for cell in cells]
+    return [
+        Plan(*cell, names.INFEASIBLE_AT_START, margins=margin, fallback=names.NO_LANE_CHANGE, binding=binds)
+        for cell in cells
+    ]
 
 
 def rejections(
@@ -315,9 +347,10 @@ def rejections(
     Limits of motion are counted on a plain grid over all of T, x_final and v_end (nominal: the result of
     ``nominal_rejections``), contacts among the candidates that were simulated: together they are all candidates.
     """
-    kept = pool.violation == 0
-    touched = kept & ~pool.feasible(accounting)
-    return sum(nominal.values()) + int(kept.sum()), nominal | contacts_met(problem, pool.role[touched])
+    moving = pool.within_limits
+    touching = moving & pool.touches(accounting)
+    met = contacts_met(problem, pool.role[touching]) | pool.unsafe(moving & ~touching, problem.packed)
+    return sum(nominal.values()) + int(moving.sum()), nominal | met
 
 
 def contacts_met(problem: PlanningProblem, met: IntArray) -> dict[str, int]:
@@ -338,48 +371,41 @@ def clearance_margins(problem: PlanningProblem, played: Replay, accounting: str)
     return {f"clearance_{role}": float(c) for role, c in zip(problem.roles, smallest, strict=True)}
 
 
+def apart(problem: PlanningProblem, played: Replay, accounting: str) -> dict[str, float]:
+    """By how much each clearance exceeds the one that the safety profile asks for [m]."""
+    nearest = problem.packed.safety.clearance
+    return {name: value - nearest for name, value in clearance_margins(problem, played, accounting).items()}
+
+
 def plan_margins(
     problem: PlanningProblem, quintic: Quintic | None, played: Replay, accounting: str
 ) -> dict[str, float]:
     """Margin of every constraint; of the clearances alone where there is no quintic."""
-    clearance = clearance_margins(problem, played, accounting)
+    clearance = apart(problem, played, accounting)
     if quintic is not None:
         return limits.margins(quintic, problem.limit) | clearance
     return clearance
 
 
-def human_margins(problem: PlanningProblem) -> dict[str, float]:
-    """How far the recorded, smoothed motion stays inside each dynamic limit, at its samples."""
-    human, limit = problem.scene.driver, problem.limit
-    to_T = slice(None if human.end is None else human.end + 1)
-    speed = np.hypot(human.vx, human.vy)[to_T]
-    found = {"speed": float(min(speed.min() - limit.v_min, limit.v_max - speed.max()))}
-    for name, values, bound in (
-        ("acceleration_x", human.ax, limit.acceleration),
-        ("acceleration_y", human.ay, limit.acceleration),
-        ("jerk_x", human.jx, limit.jerk),
-        ("jerk_y", human.jy, limit.jerk),
-    ):
-        found[name] = float(bound - np.abs(values[to_T]).max())
-    return found
-
-
 def closest_margins(problem: PlanningProblem, pool: Pool, accounting: str) -> dict[str, float]:
     """For an infeasible event: the largest margin of each constraint that any candidate of a sample reaches."""
-    kept = np.flatnonzero(pool.violation == 0)
-    if not len(kept):
+    moving = np.flatnonzero(pool.within_limits)
+    if not len(moving):
         return _closest_dynamics(problem)
-    sample = kept[np.unique(np.linspace(0, len(kept) - 1, 100).astype(int))]
+    sample = moving[np.unique(np.linspace(0, len(moving) - 1, 100).astype(int))]
     closest: dict[str, float] = {}
     for i in sample:
         quintic = problem.task.quintic(int(pool.n[i]), float(pool.delta[i]), float(pool.change[i]))
         played = replay(plan_motion(quintic, problem.packed), problem.packed)
-        for name, margin in plan_margins(problem, quintic, played, accounting).items():
+        plan = Plan(
+            "", accounting, "", quintic, played, margins=plan_margins(problem, quintic, played, accounting)
+        )
+        for name, margin in keeping(plan, problem.packed).margins.items():
             closest[name] = max(margin, closest.get(name, -np.inf))
     return closest
 
 
 def _closest_dynamics(problem: PlanningProblem) -> dict[str, float]:
     v0, D = problem.scene.v0, problem.scene.lateral_shift
-    longest = problem.settings.planner.T_max
+    longest = problem.settings.search.T_max
     return limits.margins(Quintic(v0=v0, D=D, T=longest, x_final=v0 * longest, v_end=v0), problem.limit)

@@ -12,7 +12,7 @@ from highd_lc.core.quintic import Quintic
 from highd_lc.planning.candidates import LossTerms, evaluate
 from highd_lc.planning.contacts import NO_CONTACT
 from highd_lc.planning.crowd import Crowd
-from highd_lc.planning.limits import CONSTRAINTS, Limits, violations
+from highd_lc.planning.limits import CONSTRAINTS, SAFETY, Limits, violations
 from highd_lc.planning.scene import PackedScene
 from highd_lc.vocab import names
 from highd_lc.vocab.settings import PlannerSettings
@@ -21,7 +21,10 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 OVERTAKES = len(CONSTRAINTS) + 1
-"""Code of a violation beside those of ``dynamics``: the plan ends ahead of the leader of its gap."""
+"""Code of a violation beside those of ``limits``: the plan ends ahead of the leader of its gap.
+
+The codes above it, up to ``OVERTAKES + len(SAFETY)``, are those of a safety profile.
+"""
 
 
 class Goal(NamedTuple):
@@ -84,9 +87,26 @@ class Pool:
     def feasible(self, accounting: str) -> NDArray[np.bool_]:
         """Which candidates keep every limit and touch nobody over the accounted time."""
         if accounting not in self._feasible:
-            last = self.n if accounting == names.PAPER else NO_CONTACT - 1
-            self._feasible[accounting] = (self.violation == 0) & (self.contact > last)
+            self._feasible[accounting] = (self.violation == 0) & ~self.touches(accounting)
         return self._feasible[accounting]
+
+    @property
+    def within_limits(self) -> NDArray[np.bool_]:
+        """Which candidates keep the limits of motion, whatever else they break."""
+        moving: NDArray[np.bool_] = (self.violation == 0) | (self.violation >= OVERTAKES)
+        return moving
+
+    def unsafe(self, counted: NDArray[np.bool_], scene: PackedScene) -> dict[str, int]:
+        """How many of the counted candidates each constraint of the scene's safety profile rejects."""
+        if not scene.safety.asked:
+            return {}
+        found = self.violation[counted] - OVERTAKES - 1
+        return {name: int((found == i).sum()) for i, name in enumerate(SAFETY)}
+
+    def touches(self, accounting: str) -> NDArray[np.bool_]:
+        """Which candidates meet somebody over the accounted time."""
+        met: NDArray[np.bool_] = self.contact <= (self.n if accounting == names.PAPER else NO_CONTACT - 1)
+        return met
 
     def obstacle(self, accounting: str) -> IntArray:
         """What stands in each candidate's way: -1 nothing, the role of the first contact, or -1 - violation."""
@@ -176,7 +196,7 @@ class Task:
     def simulate(self, n: IntArray, delta: FloatArray, change: FloatArray) -> Pool:
         """Candidates in rows of one duration each, as a flat pool; shapes as in ``evaluate``."""
         out = evaluate(n, delta, change, self.scene, self.terms, self.crowd)
-        codes = violations(self.seconds(n), delta, change, self.scene.v0, self.scene.D, self.limit)
+        codes = violations(self.seconds(n), delta, change, self.scene.v0, self.scene.D, self.limit).ravel()
         pool = Pool(
             n=np.repeat(n, delta.shape[1]),
             delta=delta.ravel(),
@@ -187,9 +207,14 @@ class Task:
             hv_H=out.hv_H.ravel(),
             contact=out.contact.ravel(),
             role=out.role.ravel(),
-            violation=codes.ravel(),
+            violation=codes,
         )
-        return pool if self.before is None else self._of_later_start(pool, self.before)
+        if self.before is not None:
+            pool = self._of_later_start(pool, self.before)
+        unsafe, kept = out.unsafe.ravel(), pool.violation == 0
+        if not (self.scene.safety.asked and kept.any()):
+            return pool
+        return replace(pool, violation=np.where(kept & (unsafe > 0), OVERTAKES + unsafe, pool.violation))
 
     def _of_later_start(self, pool: Pool, before: Before) -> Pool:
         """The pool with the losses before its start, without the plans that end ahead of the gap's leader."""

@@ -11,6 +11,7 @@ from highd_lc.core.drive import (
     credited,
     drive_behind,
     follower_command,
+    gentle,
     jump,
     lcm_command,
     remembered,
@@ -167,10 +168,11 @@ def drive_on(
 ) -> None:
     """Fill the AV's motion after sample n: LCM behind the target leader, or constant speed.
 
-    The step of the command onto this drive, from the acceleration at n (0 where a plan ends), is in the jerk of
-    sample n + 1 if it is counted.
+    A safety profile bounds its acceleration, and its jerk from the acceleration at n on. The step of the command
+    onto this drive, from the acceleration at n (0 where a plan ends), is in the jerk of sample n + 1 if counted;
+    of an AV that is free from the start there is none.
     """
-    dt, before = scene.dt, ax[n]
+    dt, before, step = scene.dt, ax[n], scene.safety.jerk * scene.dt
     v_desire, A, b, B, tau, L = scene.av_parameters
     half = scene.length / 2.0
     for k in range(n, len(x)):
@@ -178,10 +180,11 @@ def drive_on(
         if scene.after_lcm:
             spacing = scene.target_front[k] - x[k] - half
             command = lcm_command(vx[k], spacing, scene.target_v[k], v_desire, A, b, B, tau, L, scene.hardest)
+        command = gentle(command, before if k == n else ax[k - 1], scene.safety.acceleration, step)
         ax[k] = command
         if k > n:
             jerk[k] = abs(command - ax[k - 1]) / dt
-        if k == n + 1 and scene.counts_handover:
+        if k == n + 1 and n > 0 and scene.counts_handover:
             jerk[k] += abs(ax[n] - before) / dt
         if k + 1 < len(x):
             x[k + 1], vx[k + 1] = advance(x[k], vx[k], command, dt)

@@ -154,6 +154,29 @@ PAPER_SEMI_AXES = (2.5, 1.0)
 """C_a and C_b of the paper [m]; they do not contain the corners of its own 5 m x 2 m box (equations.md 10)."""
 
 
+class SafetyLimits(NamedTuple):
+    """What a safety profile asks in the kernels (equations.md 5.8).
+
+    asked: whether it asks anything. clearance: margin between ellipses [m]. time_gap [s], drac [m/s^2]: of the AV
+    and its new leader, of HV_1 and the AV. braking: asked of HV_1 at the start, at most [m/s^2], infinite = not
+    asked; delay, left: its t_B and t_G [s]. v_max [m/s], acceleration [m/s^2], jerk [m/s^3]: the AV's after T.
+    """
+
+    asked: bool
+    clearance: float
+    time_gap: float
+    drac: float
+    braking: float
+    delay: float
+    left: float
+    v_max: float
+    acceleration: float
+    jerk: float
+
+
+NOTHING_ASKED: Final = SafetyLimits(False, 0.0, 0.0, *(np.inf,) * 2, 0.0, 0.0, *(np.inf,) * 3)
+
+
 class PackedScene(NamedTuple):
     """Arrays of one scene. N + 1 samples, m leaders, p followers; lengths in m, speeds in m/s.
 
@@ -166,6 +189,7 @@ class PackedScene(NamedTuple):
     origin_follower: x, y, v, length, a, b, or empty. av_parameters (6,). weights (p,). after_lcm: the AV's drive
     after T. counts_handover: whether the step of the AV's command onto that drive, from 0, is charged. hardest:
     bound of everybody's commanded braking [m/s^2]. asks_all: whether contacts between the others count as well.
+    safety: what a safety profile asks beside, and how the AV is bounded after T.
     """
 
     v0: float
@@ -199,6 +223,26 @@ class PackedScene(NamedTuple):
     counts_handover: bool
     hardest: float
     asks_all: bool
+    safety: SafetyLimits
+
+
+def safety_limits(settings: ValidateSettings) -> SafetyLimits:
+    """What the settings' safety profile asks of an event."""
+    safety, limit = settings.safety, settings.constraints
+    if not safety.asked:
+        return NOTHING_ASKED
+    return SafetyLimits(
+        asked=True,
+        clearance=safety.clearance_m,
+        time_gap=safety.time_gap_s,
+        drac=safety.drac,
+        braking=safety.braking or np.inf,
+        delay=safety.braking_delay_s,
+        left=safety.braking_gap_s,
+        v_max=limit.v_max,
+        acceleration=limit.acceleration,
+        jerk=limit.jerk,
+    )
 
 
 def pack(scene: Scene, settings: ValidateSettings) -> PackedScene:
@@ -242,6 +286,7 @@ def pack(scene: Scene, settings: ValidateSettings) -> PackedScene:
         counts_handover=settings.loss.handover == "counted",
         hardest=hardest_braking(settings.followers.b_max),
         asks_all=settings.constraints.contacts == "all",
+        safety=safety_limits(settings),
     )
 
 

@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from highd_lc.planning.contacts import WIDTH
 from highd_lc.planning.limits import CONSTRAINTS, forward_interval, violations
 from highd_lc.planning.pool import Goal, Pool, Task, distinct
+from highd_lc.planning.safety import starts_critically
 from highd_lc.planning.zoom import Starts, hides_better, refine_edges, zoom
 
 FloatArray = NDArray[np.float64]
@@ -139,7 +140,9 @@ Place = tuple[int, bool, bool, int]
 
 
 def refine(task: Task, pool: Pool, goals: list[Goal], *, free: bool) -> Pool:
-    """The pool with finer candidates about the best of each goal."""
+    """The pool with finer candidates about the best of each goal; as it is where none may start at all."""
+    if starts_critically(task.scene):
+        return pool
     pool = refine_edges(task, pool, goals)
     pool, heads = _zoom_heads(task, pool, goals, basins(task, pool, goals, free=free), free=free)
     explored: set[Place] = set()
@@ -329,6 +332,8 @@ def nominal_rejections(task: Task, *, free: bool) -> dict[str, int]:
     end speeds from v_min to v_max; a plan counts for the first constraint that it violates.
     """
     n, scene, limit = task.durations[:: _NOMINAL_DURATIONS[free]], task.scene, task.limit
+    if not len(n):
+        return dict.fromkeys(CONSTRAINTS, 0)
     T = task.seconds(n)[:, None, None]
     span = (limit.v_min - scene.v0, limit.v_max - scene.v0)
     speeds = np.linspace(*span, _NOMINAL_NODES)

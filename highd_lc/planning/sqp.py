@@ -66,7 +66,7 @@ def _separations(
             x[k] = scene.v0 * k * scene.dt + delta[w] * z_shape(u) + T * change[w] * q_shape(u)
             vx[k] = scene.v0 + delta[w] / T * z_rate(u) + change[w] * q_rate(u)
             y[k], vy[k] = scene.D * z_shape(u), scene.D / T * z_rate(u)
-        vy[n[w] :] = 0.0
+        vy[n[w] :], ax[n[w]] = 0.0, 0.0
         drive_on(x, y, vx, ax, jerk, n[w], scene)
         crossing = n[w] // 2
         follow(x + scene.length / 2.0, vx, first_past(scene.reactions[0, MOMENT], n[w]), scene, fx, fv, fa)
@@ -202,6 +202,7 @@ class Relaxation:
         plan = Quintic(scene.v0, scene.D, T, scene.v0 * T + delta, scene.v0 + change)
         margin = limits.margins(plan, limit)
         scales = {"speed": 10.0, "jerk_x": limit.jerk, "jerk_y": limit.jerk}
+        scales |= {"curvature": limit.curvature, "yaw_rate": limit.yaw_rate}
         return np.array([value / scales.get(name, limit.acceleration) for name, value in margin.items()]) - _MARGIN
 
     def _apart(self, n: IntArray, delta: FloatArray, change: FloatArray) -> FloatArray:

@@ -1,6 +1,8 @@
 """Plans of the policies that choose when to start and into which gap, and what happens under them."""
 
+from collections import Counter
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -11,15 +13,18 @@ from highd_lc.planning import limits
 from highd_lc.planning.planner import (
     Plan,
     PlanningProblem,
-    clearance_margins,
+    apart,
     closest_margins,
     contacts_met,
     goals,
     infeasible_at_start,
+    keeping,
     overlap_at_start,
+    rejections,
 )
 from highd_lc.planning.pool import OVERTAKES, Goal, Pool
 from highd_lc.planning.replay import AvMotion, Entry, Replay, clearances, drive_on, follow, joins, plan_motion
+from highd_lc.planning.safety import binding
 from highd_lc.planning.scene import MOMENT
 from highd_lc.planning.search import nominal_rejections
 from highd_lc.planning.start_search import search_starts
@@ -103,10 +108,15 @@ def _best_plan(posed: StartProblem, pools: StartPools, goal: Goal, policy: str, 
     best = best_of(pools, goal)
     plan = partial(Plan, policy, goal.accounting, candidates=count, rejected_by=rejected)
     if best is None:
-        return plan(status=names.INFEASIBLE, margins=_closest(posed, pools, goal.accounting))
+        return plan(
+            status=names.INFEASIBLE,
+            margins=_closest(posed, pools, goal.accounting),
+            fallback=names.NO_LANE_CHANGE,
+            binding=binding(posed.problem.packed, rejected),
+        )
     quintic = _quintic(posed, pools, best.key, best.index)
     played = replay_start(posed, best.key, quintic)
-    return plan(
+    solved = plan(
         status=names.SOLVED,
         quintic=quintic,
         replay=played,
@@ -115,6 +125,18 @@ def _best_plan(posed: StartProblem, pools: StartPools, goal: Goal, policy: str, 
         delay_s=round(best.key[1] * posed.problem.packed.dt, 10),
         gap=posed.gaps[best.key[0]].name,
     )
+    return keeping(_waiting(posed, pools[CONTAINED], solved, nominal), posed.problem.packed)
+
+
+def _waiting(posed: StartProblem, at_once: Pool, plan: Plan, nominal: dict[str, int]) -> Plan:
+    """The plan, which is a fallback where none into the recorded gap at t_start is allowed: told with the reason.
+
+    at_once: the candidates of that start.
+    """
+    if at_once.feasible(plan.accounting).any():
+        return plan
+    _, rejected = rejections(posed.problem, at_once, plan.accounting, nominal)
+    return replace(plan, fallback=names.WAIT, binding=binding(posed.problem.packed, rejected))
 
 
 def _margins(posed: StartProblem, key: Key, quintic: Quintic, played: Replay, accounting: str) -> dict[str, float]:
@@ -122,12 +144,12 @@ def _margins(posed: StartProblem, key: Key, quintic: Quintic, played: Replay, ac
     task, n = posed.task(key), round(quintic.T / posed.problem.packed.dt)
     behind = float(task.scene.target_front[n]) - task.scene.length / 2.0 - quintic.x_final
     found = limits.margins(quintic, task.limit) | {OVERTAKES_LEADER: behind}
-    return found | clearance_margins(posed.problem, played, accounting)
+    return found | apart(posed.problem, played, accounting)
 
 
 def _closest(posed: StartProblem, pools: StartPools, accounting: str) -> dict[str, float]:
     """Without a feasible plan at any start: the largest margin of each constraint over some candidates of all."""
-    kept = [(key, int(i)) for key, pool in pools.items() for i in np.flatnonzero(_within_limits(pool))]
+    kept = [(key, int(i)) for key, pool in pools.items() for i in np.flatnonzero(pool.within_limits)]
     if not kept:
         return closest_margins(posed.problem, pools[CONTAINED], accounting)
     closest: dict[str, float] = {}
@@ -135,7 +157,10 @@ def _closest(posed: StartProblem, pools: StartPools, accounting: str) -> dict[st
         key, i = kept[place]
         quintic = _quintic(posed, pools, key, i)
         played = replay_start(posed, key, quintic)
-        for name, margin in _margins(posed, key, quintic, played, accounting).items():
+        margins = _margins(posed, key, quintic, played, accounting)
+        delay = key[1] * posed.problem.packed.dt
+        plan = Plan("", accounting, "", quintic, played, margins=margins, delay_s=delay)
+        for name, margin in keeping(plan, posed.problem.packed).margins.items():
             closest[name] = max(float(margin), closest.get(name, -np.inf))
     return closest
 
@@ -143,11 +168,6 @@ def _closest(posed: StartProblem, pools: StartPools, accounting: str) -> dict[st
 def _quintic(posed: StartProblem, pools: StartPools, key: Key, index: int) -> Quintic:
     pool = pools[key]
     return posed.task(key).quintic(int(pool.n[index]), float(pool.delta[index]), float(pool.change[index]))
-
-
-def _within_limits(pool: Pool) -> NDArray[np.bool_]:
-    within: NDArray[np.bool_] = (pool.violation == 0) | (pool.violation == OVERTAKES)
-    return within
 
 
 def _rejections(
@@ -158,13 +178,17 @@ def _rejections(
     As in ``planner.rejections``: limits of motion on the plain grid of a start at t_start (nominal), the rest in
     the candidates that were simulated, at all starts together.
     """
-    kept = sum(int(_within_limits(pool).sum()) for pool in pools.values())
-    touched = np.concatenate(
-        [pool.role[(pool.violation == 0) & ~pool.feasible(accounting)] for pool in pools.values()]
-    )
+    kept = sum(int(pool.within_limits.sum()) for pool in pools.values())
+    behind = {
+        key: pool.within_limits & (pool.violation != OVERTAKES) & pool.touches(accounting)
+        for key, pool in pools.items()
+    }
+    touched = np.concatenate([pool.role[behind[key]] for key, pool in pools.items()])
     overtaking = sum(int((pool.violation == OVERTAKES).sum()) for pool in pools.values())
-    met = contacts_met(posed.problem, touched)
-    return sum(nominal.values()) + kept, nominal | {OVERTAKES_LEADER: overtaking} | met
+    met: Counter[str] = Counter(contacts_met(posed.problem, touched))
+    for key, pool in pools.items():
+        met.update(pool.unsafe(~behind[key], posed.problem.packed))
+    return sum(nominal.values()) + kept, nominal | {OVERTAKES_LEADER: overtaking} | dict(met)
 
 
 def key_of(posed: StartProblem, gap: str, delay_s: float) -> Key:

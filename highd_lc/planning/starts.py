@@ -36,7 +36,7 @@ from highd_lc.core.ellipse import ellipses_overlap
 from highd_lc.core.losses import command_jerk, speed_difference
 from highd_lc.planning.candidates import LossTerms
 from highd_lc.planning.contacts import NO_CONTACT
-from highd_lc.planning.limits import limits
+from highd_lc.planning.limits import limits_of
 from highd_lc.planning.planner import PlanningProblem
 from highd_lc.planning.pool import Before, Goal, Pool, Task
 from highd_lc.planning.replay import AvMotion, drive_on, follow, free_motion, origin_follower_motion
@@ -125,18 +125,21 @@ def chain_contact(x: FloatArray, packed: PackedScene) -> ChainContact:
 @njit(cache=True, nogil=True, error_model="numpy")
 def _first_contact(x: FloatArray, follower_x: FloatArray, origin_x: FloatArray, scene: PackedScene) -> int:
     """First sample at which the AV, at x [m] on its lane, overlaps a leader, a follower or the origin follower."""
+    near = scene.safety.clearance
     for k in range(len(x)):
         for i in range(len(scene.leader_a)):
             dx, dy = scene.leader_x[i, k] - x[k], scene.leader_y[i, k]
-            if ellipses_overlap(dx, dy, 1.0, 0.0, scene.a, scene.b, scene.leader_a[i], scene.leader_b[i]):
+            if ellipses_overlap(dx, dy, 1.0, 0.0, scene.a, scene.b, scene.leader_a[i], scene.leader_b[i], near):
                 return k
         for i in range(len(scene.follower_a)):
             dx, dy = follower_x[i, k] - x[k], scene.follower_y[i]
-            if ellipses_overlap(dx, dy, 1.0, 0.0, scene.a, scene.b, scene.follower_a[i], scene.follower_b[i]):
+            if ellipses_overlap(
+                dx, dy, 1.0, 0.0, scene.a, scene.b, scene.follower_a[i], scene.follower_b[i], near
+            ):
                 return k
         if len(origin_x):
             of = scene.origin_follower
-            if ellipses_overlap(origin_x[k] - x[k], of[1], 1.0, 0.0, scene.a, scene.b, of[4], of[5]):
+            if ellipses_overlap(origin_x[k] - x[k], of[1], 1.0, 0.0, scene.a, scene.b, of[4], of[5], near):
                 return k
     return NO_CONTACT
 
@@ -353,8 +356,9 @@ class StartProblem:
         """The search that a start poses."""
         gap, d = self.gaps[key[0]], key[1]
         scene = gap.delayed(d, self.waiting)
-        limit = limits(scene.v0, self.problem.settings.constraints)
-        return Task(scene, gap.terms, limit, self.problem.settings.planner, before(gap, d, self.latest))
+        settings = self.problem.settings
+        limit = limits_of(scene.v0, settings, self.problem.scene.wheelbase)
+        return Task(scene, gap.terms, limit, settings.search, before(gap, d, self.latest))
 
 
 @dataclass(frozen=True)

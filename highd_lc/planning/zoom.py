@@ -87,7 +87,7 @@ def zoom(
         n=np.tile(np.repeat(starts.n, WIDTH), levels),
         delta=clouds.delta.ravel(),
         change=clouds.change.ravel(),
-        **{name: values.ravel() for name, values in clouds.outcomes._asdict().items()},
+        **{name: values.ravel() for name, values in clouds.outcomes._asdict().items() if name != "unsafe"},
         violation=clouds.codes.ravel(),
     )
     return pool.joined(found), np.where(best >= 0, best + len(pool), -1)
@@ -143,7 +143,7 @@ def _follow_valleys(
     for level in range(len(delta)):
         at = Outcomes(
             outcomes.av_T[level], outcomes.av_H[level], outcomes.hv_T[level], outcomes.hv_H[level],
-            outcomes.contact[level], outcomes.role[level],
+            outcomes.contact[level], outcomes.role[level], outcomes.unsafe[level],
         )  # fmt: skip
         for s in range(starts):
             _place_cloud(
@@ -162,6 +162,8 @@ def _follow_valleys(
                     at.av_H[s, w] += before.av
                     at.hv_T[s, w] += before.hv + before.hv_passed[n[s]]
                     at.hv_H[s, w] += before.hv + before.hv_passed[-1]
+                if code == 0 and at.unsafe[s, w] > 0:
+                    code = OVERTAKES + at.unsafe[s, w]
                 codes[level, s, w] = code
                 own = at.av_H[s, w] if accounting[s] == _EQUAL else at.av_T[s, w]
                 others = at.hv_T[s, w] if accounting[s] == _PAPER else at.hv_H[s, w]

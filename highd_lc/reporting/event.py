@@ -64,7 +64,8 @@ class Surface:
     """The planner's losses over (T, x_final), fixed form.
 
     T [s], shape (m,); x_final relative to v0 T [m], shape (n,); loss_av, loss_hv: per accounting, shape
-    (m, n); feasible: per accounting, boolean of shape (m, n).
+    (m, n); feasible: per accounting, boolean of shape (m, n). blocked: per accounting, place in ``blockers`` of
+    what a candidate breaks first, 0 = nothing, shape (m, n); empty: not known.
     """
 
     T: FloatArray
@@ -72,6 +73,8 @@ class Surface:
     loss_av: Mapping[str, FloatArray]
     loss_hv: Mapping[str, FloatArray]
     feasible: Mapping[str, NDArray[np.bool_]]
+    blocked: Mapping[str, NDArray[np.uint8]] = field(default_factory=dict)
+    blockers: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)

@@ -177,7 +177,29 @@ def _remarks(row: Row) -> list[str]:
         remarks += _at_bound(row["at_bound"])
     if row["contact_after_T"] is True:
         remarks.append("contact after T")
-    return remarks
+    return remarks + _fallback(row) + nearest(row)
+
+
+def _fallback(row: Row) -> list[str]:
+    """What the AV does in the place of a lane change that is not allowed, and why."""
+    if not row.get("fallback"):
+        return []
+    what = "waits" if row["fallback"] == names.WAIT else "stays in its lane"
+    return [f"{what}: {constraint(row['binding'])} forbids the change" if row.get("binding") else what]
+
+
+def nearest(row: Row) -> list[str]:
+    """The constraints of the safety profile that a plan comes near to, the nearest first, with the moment.
+
+    For example "time gap ahead 0.02 s inside its limit at 5.3 s".
+    """
+    moments, margin = dict(row.get("moments") or {}), dict(row["margins"] or {})
+    near = [n for n, most in _SAFETY_NEAR.items() if n in moments and margin.get(n, np.inf) <= most]
+    return [
+        f"{constraint(name)} {html.number(abs(margin[name]), 2)} {_unit(name)} "
+        f"{'inside' if margin[name] > -_ROUNDING else 'beyond'} its limit at {html.number(moments[name], 1)} s"
+        for name in sorted(near, key=lambda one: margin[one] / _SAFETY_NEAR[one])
+    ]
 
 
 def _start(row: Row) -> str:
@@ -223,7 +245,22 @@ _CONSTRAINT_UNITS: Final = {
     "jerk": "m/s³",
     "clearance": "m",
     "overtakes": "m",
+    "curvature": "1/m",
+    "yaw": "rad/s",
+    "insertion": "m",
+    "time": "s",
+    "drac": "m/s²",
 }
+_ROUNDING: Final = 1e-9
+_SAFETY_NEAR: Final = {
+    "insertion_gap": 1.0,
+    "time_gap_ahead": 0.1,
+    "time_gap_behind": 0.1,
+    "drac_ahead": 0.5,
+    "drac_behind": 0.5,
+    "speed_after_T": 0.5,
+}
+"""Margins up to which a constraint of the safety profile is told beside a plan."""
 
 
 def _unit(name: str) -> str:
@@ -239,7 +276,7 @@ def constraint(name: str) -> str:
         return labels.through(rest)
     if rest in _AXES:
         return f"{_AXES[rest]} {kind}"
-    return name.replace("_", " ")
+    return labels.blocker(name)
 
 
 def sorted_counts(counts: Row | None) -> list[tuple[str, int]]:

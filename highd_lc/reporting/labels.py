@@ -250,6 +250,20 @@ def through(pair: str) -> str:
     return " drives through ".join(map(role, pair.split("_through_")))
 
 
+_BLOCKERS: Final = {
+    "motion": "limits of motion",
+    "contact": "clearance or contact",
+    "insertion_gap": "gap behind at the start (UN R79)",
+    "drac_ahead": "DRAC ahead",
+    "drac_behind": "DRAC behind",
+}
+
+
+def blocker(name: str) -> str:
+    """What stands in a candidate's way, as a reader says it; constraints of the safety profile among them."""
+    return _BLOCKERS.get(name, name.replace("_", " "))
+
+
 def role(name: str) -> str:
     """A role as a reader says it: ``target_follower_1`` is "HV 1"."""
     if name.startswith(names.TARGET_FOLLOWER):

@@ -51,12 +51,22 @@ _MATRIX_LEAD: Final = (
 )
 
 
-def matrix_page(matrix: pd.DataFrame, first: Sequence[Section] = ()) -> str:
+@dataclass(frozen=True)
+class PriceTables:
+    """The artefacts that say what the safety profile costs."""
+
+    safety_price: pd.DataFrame
+    safety_violations: pd.DataFrame
+
+
+def matrix_page(matrix: pd.DataFrame, first: Sequence[Section] = (), *, price: PriceTables | None = None) -> str:
     """The validation matrix: form x accounting, then by stratum for the default follower model.
 
-    matrix: ``validation_matrix``; first: what stands in front.
+    matrix: ``validation_matrix``; first: what stands in front; price: of the safety profile, if it is known.
     """
-    sections = [*first, *_matrix_sections(with_labels(matrix))]
+    whole, *strata = _matrix_sections(with_labels(matrix))
+    priced = [] if price is None or price.safety_price.empty else [price_section(price)]
+    sections = [*first, whole, *priced, *strata]
     return overview_page("matrix.html", "Validation matrix", sections, _MATRIX_LEAD)
 
 
@@ -93,6 +103,42 @@ def matrix_section(matrix: pd.DataFrame) -> Section:
         + _SEVERAL * several,
         tables=(table_view(whole, (*((_FOLLOWERS,) if several else ()), *_MATRIX_COLUMNS)),),
     )
+
+
+_PRICE_COLUMNS: Final = (
+    Column("form_label", "Form"),
+    Column("accounting_label", "Accounting"),
+    Column("safety", "Profile"),
+    Column("n_events", "Events", digits=0),
+    Column("infeasible", "Infeasible", digits=0),
+    Column("n_both", "Feasible under both", digits=0),
+    percentage("gain", "Gain"),
+    percentage("gain_low", "from"),
+    percentage("gain_high", "to"),
+    percentage("gain_incremental", "Gain of what the change adds"),
+)
+_PRICE_TEXT: Final = (
+    "The same events planned under both safety profiles. “paper” asks that ellipses do not overlap, “practice” "
+    "for time gaps, moderate braking of others and a margin around the ellipses as well. Gains are of the events "
+    "that are feasible under both; what the change adds is the loss above that of no lane change.",
+)
+
+
+def price_section(price: PriceTables) -> Section:
+    """Gains under both safety profiles, and who breaks what the profile practice asks."""
+    gains = price.safety_price.assign(
+        form_label=price.safety_price["form"].map(labels.FORMS),
+        accounting_label=price.safety_price["accounting"].map(labels.ACCOUNTING_NAMES),
+    )
+    shares = price.safety_violations
+    wide = shares.pivot_table(index=["safety", "constraint"], columns="policy", values="share", sort=False)
+    known = wide[(wide > 0.0).any(axis=1)].reset_index()
+    known = known.assign(constraint=known["constraint"].map(labels.blocker))
+    columns = [Column("safety", "Planned under"), Column("constraint", "What is broken")]
+    columns += [percentage(p, labels.POLICIES[p].label, 1) for p in labels.POLICIES if p in wide.columns]
+    broken = table_view(known, columns, "Share of plans, and of humans, that break what “practice” asks (equal)")
+    tables = (table_view(gains, _PRICE_COLUMNS), broken)
+    return Section("The price of safety", text=_PRICE_TEXT, tables=tables, anchor="safety")
 
 
 def _matrix_words(whole: pd.DataFrame) -> str:

@@ -191,11 +191,13 @@ def _surface(surface: Surface, report: EventReport) -> dict[str, Any]:
         "T": [round(T, 2) for T in surface.T.tolist()],
         "x": [round(x, 2) for x in surface.x_offset.tolist()],
         "points": _points(report),
+        "blockers": [labels.blocker(name) for name in surface.blockers],
         "arrays": [_levels(a) for a in arrays],
         "losses": {
             accounting: {
                 **{side: place[side, accounting] for side in sides},
                 "feasible": _bits(surface.feasible[accounting]),
+                "blocked": _codes(surface.blocked.get(accounting)),
             }
             for accounting in surface.loss_av
         },
@@ -230,6 +232,10 @@ def _levels(values: FloatArray) -> dict[str, Any]:
     levels = np.where(finite, np.rint((values - low) / scale), _UNKNOWN)
     data = base64.b64encode(levels.astype("<u2").tobytes()).decode("ascii")
     return {"low": round(low, 4), "scale": float(f"{scale:.6g}"), "data": data}
+
+
+def _codes(values: NDArray[np.uint8] | None) -> str | None:
+    return None if values is None else base64.b64encode(values.tobytes()).decode("ascii")
 
 
 def _bits(values: NDArray[np.bool_]) -> str:

@@ -4,7 +4,7 @@ The scenarios' claims on the terminal.
 """
 
 from collections.abc import Iterable, Iterator
-from typing import Any, Final
+from typing import Any, Final, cast
 
 import numpy as np
 import pandas as pd
@@ -73,6 +73,29 @@ def leaderboard_table(board: pd.DataFrame) -> Table:
 
 def _decimal(value: float, digits: int) -> str:
     return "-" if pd.isna(value) else f"{value:.{digits}f}"
+
+
+def price_words(price: pd.DataFrame) -> str:
+    """What the safety profile costs, in a line: gains under both profiles on the events feasible under both."""
+    rows = price[price["accounting"] == names.PRIMARY_ACCOUNTING]
+    if rows.empty:
+        return "The price of safety was not asked for (studies.safety_sample = 0), or no event was planned."
+    said = []
+    for form, of_form in rows.groupby("form", sort=False):
+        cells = [
+            f"{row.safety} {_percent(row.gain)} %{_of_added(row.gain_incremental)} ({row.infeasible} of "
+            f"{row.n_events} infeasible)"
+            for row in cast(Iterable[Any], of_form.itertuples())
+        ]
+        said.append(
+            f"{form} end speed, {of_form['n_both'].iloc[0]} events feasible under both: {', '.join(cells)}"
+        )
+    return f"The price of safety, gain under each profile: {'; '.join(said)}."
+
+
+def _of_added(gain: float) -> str:
+    """The gain of what the lane change adds to the loss; nothing where it adds none."""
+    return f", {_percent(gain)} % of what the change adds" if np.isfinite(gain) else ""
 
 
 def lcm_table(summary: pd.DataFrame) -> Table:

@@ -7,14 +7,21 @@ from numba import njit
 from numpy.typing import NDArray
 
 from highd_lc.core.losses import command_jerk, cumulative_comfort, cumulative_efficiency
+from highd_lc.core.safety import braking_asked, critical_gap, rss_gaps
 from highd_lc.planning.candidates import LossTerms
 from highd_lc.planning.limits import Pair
 from highd_lc.planning.replay import Replay
+from highd_lc.planning.safety import dracs, time_gaps
 from highd_lc.planning.scene import Motion
+from highd_lc.vocab import names
 from highd_lc.vocab.policy import ACCOUNTINGS
+from highd_lc.vocab.safety import SafetySettings
 from highd_lc.vocab.settings import LossSettings
 
 FloatArray = NDArray[np.float64]
+
+_R79_BRAKING = 3.0
+"""What R79 asks of an approaching vehicle at most [m/s^2]: where a profile asks nothing, the distance is told."""
 
 
 @dataclass(frozen=True)
@@ -145,6 +152,88 @@ def _extremes(
         if closing > 1e-6 and gap[k] > 0.0:
             worst[2] = min(worst[2], gap[k] / closing)
             worst[3] = max(worst[3], closing**2 / (2.0 * gap[k]))
+
+
+def exposure(lane: list[Pair], last: int, threshold: float, *, dt: float) -> dict[str, float]:
+    """Time exposed and time integrated time to collision up to sample ``last`` (Minderhoud and Bovy 2001).
+
+    threshold: TTC below which a sample counts [s]. TET [s] is the time in which some pair counts, TIT [s^2] the
+    integral of threshold - TTC over it, of all pairs.
+    """
+    below, integral = np.zeros(last + 1, np.bool_), 0.0
+    for pair in lane:
+        used = slice(pair.first, last + 1)
+        gap, closing = pair.gap[used], (pair.v_follower - pair.v_leader)[used]
+        near = (closing > 1e-6) & (gap > 0.0) & (gap < threshold * closing)
+        below[used] |= near
+        integral += float((threshold - gap[near] / closing[near]).sum()) * dt
+    return {"tet_s": float(below.sum()) * dt, "tit_s2": integral}
+
+
+def lane_change_safety(
+    ahead: Pair | None, behind: Pair | None, settings: SafetySettings, start: int, dt: float
+) -> dict[str, float]:
+    """Safety of a lane change from the crossing to H, and of its start (sample ``start``): columns of ``losses``.
+
+    ahead: the AV behind its new leader, behind: its new follower behind the AV; None: there is none.
+    """
+    row: dict[str, float] = {}
+    for where, pair in (("ahead", ahead), ("behind", behind)):
+        if pair is not None and len(pair.gap[pair.first :]) and np.isfinite(pair.gap[pair.first]):
+            row |= {
+                f"min_time_gap_{where}_s": float(time_gaps(pair).min()),
+                f"max_drac_{where}": float(dracs(pair).max()),
+                f"rss_margin_{where}_m": float(_beyond_rss(pair, settings).min()),
+            }
+    gaps = [value for name, value in row.items() if name.startswith("min_time_gap")]
+    if gaps:
+        row["time_gap_shortfall_s"] = max(settings.time_gap_target_s - min(gaps), 0.0)
+    encroached = [
+        one for one in (_post_encroachment(ahead, dt), _post_encroachment(behind, dt)) if one is not None
+    ]
+    return row | ({"pet_s": min(encroached)} if encroached else {}) | _at_start(behind, settings, start)
+
+
+def _at_start(behind: Pair | None, settings: SafetySettings, start: int) -> dict[str, float]:
+    """What UN R79 says of the gap to the first follower when the manoeuvre starts."""
+    if behind is None:
+        return {}
+    gap, v_rear, v = (float(values[start]) for values in (behind.gap, behind.v_follower, behind.v_leader))
+    delay, left = settings.braking_delay_s, settings.braking_gap_s
+    critical = critical_gap(v_rear, v, settings.braking or _R79_BRAKING, delay, left)
+    asked = braking_asked(gap, v_rear, v, delay, left)
+    return {
+        "r79_gap_m": critical,
+        "r79_margin_m": gap - critical,
+        "braking_asked": asked if np.isfinite(asked) else np.nan,
+    }
+
+
+def _beyond_rss(pair: Pair, settings: SafetySettings) -> FloatArray:
+    """Gap of a pair beyond the distance of responsibility-sensitive safety, from its first sample on [m]."""
+    used = slice(pair.first, None)
+    with_accelerations = (settings.rss_response_s, settings.rss_acceleration)
+    braking = (settings.rss_braking_min, settings.rss_braking_max)
+    safe = rss_gaps(pair.v_follower[used], pair.v_leader[used], *with_accelerations, *braking)
+    return np.asarray(pair.gap[used] - safe)
+
+
+def _post_encroachment(pair: Pair | None, dt: float) -> float | None:
+    """Time [s] between the leader's rear leaving a place and the follower's front reaching it, at the crossing.
+
+    The place is where the AV is when it crosses: its front behind a leader, its rear ahead of a follower. None
+    where one of the two is there out of the time known.
+    """
+    if pair is None or pair.first >= len(pair.front):
+        return None
+    k, rear = pair.first, pair.front + pair.gap
+    own = pair.front if pair.follower == names.EGO else rear
+    other = rear if pair.follower == names.EGO else pair.front
+    place = own[k]
+    if not other[0] <= place <= other[-1] or not np.isfinite(other).all():
+        return None
+    when = float(np.interp(place, other, np.arange(len(other))))
+    return abs(when - k) * dt if (when <= k) == (pair.follower == names.EGO) else 0.0
 
 
 def peak_deceleration(a: FloatArray, last: int) -> float:

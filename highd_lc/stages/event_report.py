@@ -21,7 +21,7 @@ from highd_lc.core.quintic import Quintic
 from highd_lc.drivers.calibration import RecordedMotion, following_track
 from highd_lc.io import artefacts
 from highd_lc.planning import planner
-from highd_lc.planning.pareto import ON_SURFACE, SurfacePoint, loss_surface
+from highd_lc.planning.pareto import BLOCKERS, ON_SURFACE, SurfacePoint, loss_surface
 from highd_lc.planning.planner import FORM_OF, PlanningProblem
 from highd_lc.planning.replay import AvMotion, box_centre, drive_on, follow, human_motion, joins, plan_motion
 from highd_lc.planning.scene import Motion, PackedScene, Scene, leaders_of
@@ -74,7 +74,8 @@ Tracks = Mapping[str, Track]
 def surface_of(problem: PlanningProblem, plans: Iterable[Row]) -> Surface:
     """The fixed form's loss surface about the plans' points, for drawing."""
     drawn = loss_surface(problem, tuple(_points(problem, plans)))
-    return Surface(drawn.T, drawn.x_offset, drawn.loss_av, drawn.loss_hv, drawn.feasible)
+    losses = drawn.loss_av, drawn.loss_hv
+    return Surface(drawn.T, drawn.x_offset, *losses, drawn.feasible, drawn.blocked, BLOCKERS)
 
 
 def _points(problem: PlanningProblem, plans: Iterable[Row]) -> Iterator[SurfacePoint]:

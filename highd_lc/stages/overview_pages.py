@@ -24,7 +24,7 @@ from highd_lc.reporting.html import TO_REPORT, TO_SCENARIOS, Crosslink
 from highd_lc.reporting.pages_data import Section, data_page, empty_page, excluded_page
 from highd_lc.reporting.pages_followers import CalibrationTables, calibration_page
 from highd_lc.reporting.pages_index import IndexTables, SummaryTables, index_page, summary_page
-from highd_lc.reporting.pages_population import StartTables, dictionary_page, matrix_page, start_page
+from highd_lc.reporting.pages_population import PriceTables, StartTables, dictionary_page, matrix_page, start_page
 from highd_lc.reporting.pages_prediction import PAGE as PREDICTION_PAGE
 from highd_lc.reporting.pages_prediction import PredictionTables, believed_section, prediction_page
 from highd_lc.reporting.pages_studies import StudyTables, studies_page
@@ -143,7 +143,8 @@ def _run_tables(overview: Overview) -> RunTables:
 
 
 def _matrix(overview: Overview) -> str:
-    return matrix_page(artefacts.read(overview.work, "validation_matrix"), [overview.first])
+    price = PriceTables(**overview.read(*PriceTables.__dataclass_fields__))
+    return matrix_page(artefacts.read(overview.work, "validation_matrix"), [overview.first], price=price)
 
 
 def _studies(overview: Overview) -> str:

@@ -15,6 +15,7 @@ from highd_lc.planning.limits import first_contact, pairs
 from highd_lc.planning.planner import Plan, PlanningProblem
 from highd_lc.planning.replay import Replay
 from highd_lc.planning.robust import RobustProblem, plan_robust
+from highd_lc.planning.safety import av_pairs
 from highd_lc.planning.scene import Scene, target_leader_lengths
 from highd_lc.planning.start_planner import plan_starts
 from highd_lc.scoring import charges
@@ -30,6 +31,7 @@ from highd_lc.stages.population_tables import (
     worse_for_somebody,
 )
 from highd_lc.stages.responses import loss_in_view
+from highd_lc.stages.safety_price import price_rows, safety_price, safety_violations
 from highd_lc.stages.scene_drivers import judged_drivers
 from highd_lc.stages.scenes import (
     SceneTables,
@@ -90,8 +92,12 @@ from highd_lc.vocab.tables import TABLES
 
 STAGE = "validate"
 PART_TABLES = ("plans", "losses", "tracking", *STUDY_TABLES, "other_plans")
+PART_TABLES = ("plans", "losses", "tracking", "safety_losses", *STUDY_TABLES)
 
 Row = dict[str, Any]
+
+_ROUNDING = 1e-9
+"""A drive whose limit bounds it is on the limit, but for rounding."""
 
 
 def run(job: Job) -> JobReport:
@@ -194,6 +200,9 @@ def _study_rows(study: Study, chosen: Samples) -> Iterator[tuple[str, Row]]:
     event_id = study.problem.scene.event_id
     if event_id in chosen.studied:
         yield from _sampled_rows(study)
+    if event_id in chosen.priced:
+        for row in price_rows(study):
+            yield "safety_losses", row
     if event_id in chosen.foreseen:
         for row in foresight_rows(study):
             yield "foresight", row
@@ -223,7 +232,8 @@ def _sampled_rows(study: Study) -> Iterator[tuple[str, Row]]:
 
 def plan_row(problem: PlanningProblem, plan: Plan) -> Row:
     """The columns of ``plans`` of one plan."""
-    clearances = [margin for name, margin in plan.margins.items() if name.startswith("clearance_")]
+    margin = problem.packed.safety.clearance
+    clearances = [value + margin for name, value in plan.margins.items() if name.startswith("clearance_")]
     return {
         "policy": plan.policy,
         "accounting": plan.accounting,
@@ -235,7 +245,10 @@ def plan_row(problem: PlanningProblem, plan: Plan) -> Row:
         "rejected_by": plan.rejected_by,
         "candidates": plan.candidates,
         "min_clearance_m": _finite(min(clearances, default=np.nan)) if plan.replay else np.nan,
-        "margins": {name: float(margin) for name, margin in plan.margins.items() if np.isfinite(margin)},
+        "margins": {name: float(value) for name, value in plan.margins.items() if np.isfinite(value)},
+        "moments": plan.moments,
+        "fallback": plan.fallback,
+        "binding": plan.binding,
         "violations": _violated(plan),
         "contact": plan.contact,
         "contact_after_T": None if plan.replay is None else bool((plan.replay.clearance_after_T < 0.0).any()),
@@ -270,7 +283,7 @@ def _braking_afterwards(plan: Plan) -> float:
 
 
 def _at_bound(problem: PlanningProblem, plan: Plan) -> list[str]:
-    settings, H = problem.settings.planner, (len(problem.packed.target_v) - 1) * problem.packed.dt
+    settings, H = problem.settings.search, (len(problem.packed.target_v) - 1) * problem.packed.dt
     if plan.status == names.REFERENCE:
         return ["T"] if planner.own_duration(problem, plan.policy) > H + 1e-9 else []
     if plan.status != names.SOLVED or plan.quintic is None:
@@ -283,7 +296,7 @@ def _at_bound(problem: PlanningProblem, plan: Plan) -> list[str]:
 def _violated(plan: Plan) -> list[str]:
     if plan.status not in (names.REFERENCE, names.CONTACT):
         return []
-    return [name for name, margin in plan.margins.items() if margin < 0.0]
+    return [name for name, margin in plan.margins.items() if margin < -_ROUNDING]
 
 
 def _finite(value: float) -> float:
@@ -316,7 +329,8 @@ class Scores:
         if key not in self.safe:
             joins, lengths = plan.policy != names.NO_LANE_CHANGE, target_leader_lengths(self.problem.scene)
             lane = pairs(plan.replay, self.problem.packed, joins=joins, lengths=lengths)
-            self.safe[key] = charges.safety(lane, last)
+            threshold, dt = self.problem.settings.safety.ttc_s, self.problem.scene.dt
+            self.safe[key] = charges.safety(lane, last) | charges.exposure(lane, last, threshold, dt=dt)
         return self.safe[key]
 
     def hv_unchanged(self, last: int) -> float:
@@ -362,6 +376,11 @@ def loss_row(problem: PlanningProblem, plan: Plan, scores: Scores) -> Row:
         row["av_comfort_raw"] = problem.scene.driver.comfort_raw / settings.comfort_scale
         row["loss_hv_in_view_recorded"] = loss_in_view([m.v for m in recorded], problem.scene, terms, settings)
     row |= scores.safety(plan, charged)
+    if plan.policy != names.NO_LANE_CHANGE:
+        start = round(plan.delay_s / dt)
+        row |= charges.lane_change_safety(
+            *av_pairs(plan.replay, problem.packed), problem.settings.safety, start, dt
+        )
     row["peak_follower_decel"] = charges.peak_deceleration(plan.replay.a, charged)
     return row
 
@@ -390,7 +409,12 @@ def _population(combination: Combination, events: pd.DataFrame) -> Iterator[tupl
         model: PolicyLosses(losses[losses["followers"] == model], loss_errors(missed, model)) for model in models
     }
     each = partial(_of_each_model, of_model)
-    yield "validation_matrix", each(lambda one: validation_matrix(events, one, settings=settings, seed=seed))
+    profile = combination.settings.validation.safety.profile
+    matrix = each(lambda one: validation_matrix(events, one, settings=settings, seed=seed))
+    yield "validation_matrix", matrix.assign(safety=profile)
+    priced = artefacts.read(work, "safety_losses")
+    yield "safety_price", safety_price(priced, settings, seed=seed)
+    yield "safety_violations", safety_violations(priced)
     yield "summary_losses", each(lambda one: summarise_losses(one, settings=settings, seed=seed))
     yield "worse_for_somebody", each(lambda one: worse_for_somebody(one, settings))
     yield "gain_map", each(lambda one: gain_map(events, one, settings, seed=seed))

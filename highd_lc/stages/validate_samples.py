@@ -46,7 +46,7 @@ class Samples:
     """Ids of the events that are studied, of those on which the solvers are compared, of those whose start is
     chosen as well, of those among them that are planned with predicted leaders, of those whose plans the
     multi-body car drives, of those that the further follower models plan too, of those planned robustly as
-    well, and of those with written motions.
+    well, of those with written motions, and of those that are planned under both safety profiles.
     """
 
     studied: frozenset[str]
@@ -57,6 +57,7 @@ class Samples:
     also: frozenset[str]
     robust: frozenset[str]
     traced: frozenset[str]
+    priced: frozenset[str]
 
 
 def samples(job: Job) -> Samples:
@@ -66,7 +67,7 @@ def samples(job: Job) -> Samples:
     drawn = _drawn(job.work, drawn_at, settings, job.settings.seed)
     if not settings.studies.chosen:
         return drawn
-    studies = ("studied", "compared", "started", "foreseen", "multi_body", "robust")
+    studies = ("studied", "compared", "started", "foreseen", "multi_body", "robust", "priced")
     return replace(drawn, **dict.fromkeys(studies, frozenset(settings.studies.chosen)))
 
 
@@ -92,6 +93,7 @@ def _drawn(work: Path, written: int, settings: ValidateSettings, seed: int) -> S
         also=sample(settings.followers.also_sample),
         robust=sample(settings.robust.sample),
         traced=sample(_ALL if every else _TRACED[settings.trajectories]),
+        priced=sample(studies.safety_sample),
     )
 
 

@@ -88,6 +88,10 @@ INFEASIBLE_AT_START: Final = "infeasible_at_start"
 CONTACT: Final = "contact"
 PLAN_STATUSES: Final = (SOLVED, REFERENCE, CONTACT, INFEASIBLE, INFEASIBLE_AT_START)
 
+# What the AV does that may not change lane as a policy asks (equations.md 5.9): it waits, or stays in its lane.
+WAIT: Final = "wait"
+FALLBACKS: Final = ("", WAIT, NO_LANE_CHANGE)
+
 # Statuses of a fit of the LCM (equations.md 9.8).
 FITTED: Final = "fitted"
 CLASS_POOL: Final = "class_pool"

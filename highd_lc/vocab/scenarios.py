@@ -8,6 +8,7 @@ from highd_lc.vocab import names
 from highd_lc.vocab.driver import TABLE3_MEANS
 from highd_lc.vocab.policy import PAIRS, POLICIES
 from highd_lc.vocab.published import RECTANGLE_DURATION, RECTANGLE_HEIGHT
+from highd_lc.vocab.safety import SafetySettings
 from highd_lc.vocab.settings import (
     ConstraintSettings,
     FollowerSettings,
@@ -164,6 +165,10 @@ class ScenarioLosses(LossSettings):
     """Losses in the scenarios (equations.md 4); what an option sets is taken from there."""
 
     v_ref_hv: Annotated[float, Field(gt=0, le=100, description="reference speed of the followers [m/s]")] = 25.0
+    handover: Annotated[
+        Literal["uncounted", "counted"],
+        Field(description="step of the AV's command onto its drive after T: not counted (paper), or from 0"),
+    ] = "uncounted"
     efficiency_scale: Annotated[float, Field(gt=0, description="N_e: divides the efficiency sums [m/s]")] = 25.0
 
 
@@ -249,6 +254,7 @@ class ScenarioSettings(Section):
             constraints=ConstraintSettings.model_validate(
                 self.constraints.model_dump() | {"ellipse": options.ellipse, "contacts": options.contacts}
             ),
+            safety=SafetySettings(profile="paper"),
             followers=FollowerSettings(b_max=options.b_max),
             planner=PlannerSettings.model_validate(
                 self.planner.model_dump() | {"leader_from": options.leader_from}

@@ -199,6 +199,9 @@ class StudySettings(BaseModel):
     multibody_sample: Annotated[
         int, Field(ge=0, le=100000, description="events whose plans the multi-body car drives too; 0 = none")
     ] = 50
+    safety_sample: Annotated[
+        int, Field(ge=0, le=100000, description="events planned under both safety profiles; 0 = none")
+    ] = 200
     draws: Annotated[
         int, Field(ge=1, le=1000, description="K: parameter draws within each follower's spread (all events)")
     ] = 20

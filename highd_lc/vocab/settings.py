@@ -8,6 +8,7 @@ from highd_lc.vocab import names
 from highd_lc.vocab.driver import TABLE3_MEANS
 from highd_lc.vocab.errors import SettingsError
 from highd_lc.vocab.follower_names import parse
+from highd_lc.vocab.safety import SafetySettings
 from highd_lc.vocab.sections import RecorderSettings, RobustSettings, StatisticsSettings, StudySettings
 from highd_lc.vocab.tracking import TrackingSettings
 
@@ -217,7 +218,7 @@ class LossSettings(Section):
         Field(
             description="step of the AV's command onto its drive by LCM: not counted, or from 0 (equations.md 4.7)"
         ),
-    ] = "uncounted"
+    ] = "counted"
     omega_av: Annotated[
         float, Field(gt=0, lt=1, description="weight of the AV in the local optimum (paper: 0.5)")
     ] = 0.5
@@ -345,6 +346,7 @@ class ValidateSettings(Section):
 
     loss: LossSettings = LossSettings()
     constraints: ConstraintSettings = ConstraintSettings()
+    safety: SafetySettings = SafetySettings()
     followers: FollowerSettings = FollowerSettings()
     planner: PlannerSettings = PlannerSettings()
     tracking: TrackingSettings = TrackingSettings()
@@ -359,6 +361,14 @@ class ValidateSettings(Section):
         Literal["auto", "all", "sample", "none"],
         Field(description="events whose motions are written; auto = all up to 1,000 events, then a sample of 500"),
     ] = "auto"
+
+    @property
+    def search(self) -> PlannerSettings:
+        """The planner's settings, its longest manoeuvre narrowed by the safety profile where that limits it."""
+        longest = self.safety.duration_s if self.safety.asked else 0.0
+        if not 0.0 < longest < self.planner.T_max:
+            return self.planner
+        return self.planner.model_copy(update={"T_max": longest})
 
     @property
     def follower_models(self) -> tuple[str, ...]:

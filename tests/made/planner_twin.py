@@ -57,7 +57,9 @@ def evaluate(
     n, delta, change = np.repeat(n, shape[1]), delta.ravel(), change.ravel()
     x, vx, y, vy, av_T, av_H = _av(n, delta, change, scene, terms)
     front = x + scene.length / 2
-    hv_T, hv_H, followers = _followers(n, front, vx, scene, terms)
+    hv_T, hv_H, followers, first_v = _followers(n, front, vx, scene, terms)
+    first_front = followers[0] + scene.follower_length[0] / 2
+    unsafe = unsafe_codes(n, (front, vx), (first_front, first_v), scene)
     firsts = _contacts(n, (x, vx, y, vy), followers, scene)
     if scene.asks_all:
         firsts |= _through(n, front, followers, scene)
@@ -65,7 +67,43 @@ def evaluate(
     for who in sorted(firsts, key=lambda code: _asked(code, scene)):
         role = np.where(firsts[who] < contact, who, role)
         contact = np.minimum(contact, firsts[who])
-    return Outcomes(*(column.reshape(shape) for column in (av_T, av_H, hv_T, hv_H, contact, role)))
+    return Outcomes(*(column.reshape(shape) for column in (av_T, av_H, hv_T, hv_H, contact, role, unsafe)))
+
+
+def unsafe_codes(n: IntArray, av: tuple, follower: tuple, scene: PackedScene) -> IntArray:
+    """1 + index in ``limits.SAFETY`` of the first constraint that each candidate breaks, 0 for none.
+
+    av, follower: fronts and speeds, shape (candidates, samples).
+    """
+    asked = scene.safety
+    if not asked.asked:
+        return np.zeros(len(n), np.int64)
+    front, vx = av
+    counts = np.arange(front.shape[1]) >= (n // 2)[:, None]
+    code = np.zeros(len(n), np.int64)
+    closing = max(scene.follower_v[0] - scene.v0, 0.0)
+    critical = closing * asked.delay + closing**2 / (2 * asked.braking) + scene.v0 * asked.left if closing else 0.0
+    gap_0 = -scene.length / 2 - (scene.follower_x[0] + scene.follower_length[0] / 2)
+    if np.isfinite(asked.braking) and gap_0 < critical:
+        return np.ones(len(n), np.int64)
+    pairs = (
+        (2, scene.target_front - scene.target_length - front, vx, np.broadcast_to(scene.target_v, vx.shape)),
+        (5, front - scene.length - follower[0], follower[1], vx),
+    )
+    for of_gap, gap, v, v_leader in pairs:
+        short = (gap < asked.time_gap * v) & counts
+        hard = (np.maximum(v - v_leader, 0) ** 2 > 2 * asked.drac * gap) & counts
+        at_gap, at_drac = _first(short), _first(hard)
+        found = np.where(at_gap <= at_drac, of_gap, of_gap + 1)
+        code = np.where((code == 0) & (np.minimum(at_gap, at_drac) < NO_CONTACT), found, code)
+        if of_gap == 2:
+            fast = ((vx > asked.v_max) & (np.arange(front.shape[1]) > n[:, None])).any(axis=1)
+            code = np.where((code == 0) & fast, 4, code)
+    return code
+
+
+def _first(at: NDArray[np.bool_]) -> IntArray:
+    return np.where(at.any(axis=1), at.argmax(axis=1), NO_CONTACT)
 
 
 def speed_loss(v: FloatArray, ref: float, terms: LossTerms) -> FloatArray:
@@ -94,7 +132,9 @@ def _av(n: IntArray, delta: FloatArray, change: FloatArray, scene: PackedScene, 
         if scene.after_lcm:
             spacing = scene.target_front[i] - x[:, i] - scene.length / 2
             command = lcm(vx[:, i], spacing, scene.target_v[i], scene.av_parameters, scene.hardest)
-            a[:, i] = np.where(after, command, 0.0)
+            before, step = a[:, i - 1], scene.safety.jerk * scene.dt
+            command = np.minimum(np.maximum(command, before - step), before + step)
+            a[:, i] = np.where(after, np.clip(command, -scene.safety.acceleration, scene.safety.acceleration), 0.0)
         if i:
             jerk[:, i] = np.where(i > n, np.abs(a[:, i] - a[:, i - 1]) / scene.dt, jerk[:, i])
             if scene.counts_handover:
@@ -108,9 +148,11 @@ def _av(n: IntArray, delta: FloatArray, change: FloatArray, scene: PackedScene, 
 
 
 def _followers(n: IntArray, front: FloatArray, vx: FloatArray, scene: PackedScene, terms: LossTerms) -> tuple:
-    """The followers' losses to T and to H, and their box centres, each of shape (candidates, samples)."""
+    """The followers' losses to T and to H, their box centres, each of shape (candidates, samples), and the first
+    one's speed.
+    """
     ahead, ahead_v = front.copy(), vx.copy()
-    to_T, to_H, centres = np.zeros(len(n)), np.zeros(len(n)), []
+    to_T, to_H, centres, first_v = np.zeros(len(n)), np.zeros(len(n)), [], vx
     inserted = joining_samples(n, scene.reactions[0, MOMENT])
     before = np.arange(front.shape[1]) < inserted[:, None]
     ahead, ahead_v = np.where(before, scene.target_front, ahead), np.where(before, scene.target_v, ahead_v)
@@ -125,7 +167,8 @@ def _followers(n: IntArray, front: FloatArray, vx: FloatArray, scene: PackedScen
         loss = terms.comfort * jerk + speed_loss(ahead_v, terms.hv_ref[i], terms)
         to_T, to_H = to_T + terms.weights[i] * charged(loss, n), to_H + terms.weights[i] * loss.sum(axis=1)
         centres.append(ahead - half)
-    return to_T, to_H, centres
+        first_v = ahead_v if i == 0 else first_v
+    return to_T, to_H, centres, first_v
 
 
 def joining_samples(n: IntArray, moment: float) -> IntArray:
@@ -216,11 +259,11 @@ def _contacts(n: IntArray, av: tuple, followers: list[FloatArray], scene: Packed
         dx = other_x - x + r * (1 - np.cos(heading))
         dy = other_y - y - r * np.sin(heading)
         # A bound on the distance: nobody moves more than 4 m nearer within a sample.
-        near = (np.hypot(dx, dy) < scene.a + a + 4.0) & (k <= last[:, None])
+        near = (np.hypot(dx, dy) < scene.a + a + 4.0 + scene.safety.clearance) & (k <= last[:, None])
         row, at = np.nonzero(near)
         before = np.maximum(at - 1, 0)
         way = dx[row, before], dy[row, before], dx[row, at], dy[row, at]
-        met = swept_clearance(*way, heading[row, at], scene.a, scene.b, a, b) < 0.0
+        met = swept_clearance(*way, heading[row, at], scene.a, scene.b, a, b) < scene.safety.clearance
         first = np.full(len(n), NO_CONTACT)
         np.minimum.at(first, row[met], at[met])
         firsts[who] = first

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from highd_lc.planning.candidates import loss_terms
-from highd_lc.planning.limits import limits
+from highd_lc.planning.limits import limits_of
 from highd_lc.planning.pool import Goal, Task
 from highd_lc.planning.scene import Followers, Human, Motion, Scene, pack
 from highd_lc.vocab import names
@@ -132,4 +132,4 @@ def task_of(scene: Scene, settings: ValidateSettings | None = None) -> Task:
     settings = settings or ValidateSettings()
     packed = pack(scene, settings)
     terms = loss_terms(scene, packed.weights, settings.loss)
-    return Task(packed, terms, limits(scene.v0, settings.constraints), settings.planner)
+    return Task(packed, terms, limits_of(scene.v0, settings, scene.wheelbase), settings.search)

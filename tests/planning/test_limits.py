@@ -40,8 +40,8 @@ def sampled_margins(plan: Quintic) -> dict[str, float]:
 @given(plans)
 def test_margins_are_those_of_dense_sampling(plan):
     found, wanted = margins(plan, LIMIT), sampled_margins(plan)
-    assert set(found) == set(CONSTRAINTS) == set(wanted)
-    for name in CONSTRAINTS:
+    assert set(found) == set(wanted) == set(CONSTRAINTS) - {"curvature", "yaw_rate"}, "these are a profile's"
+    for name in found:
         assert found[name] == pytest.approx(wanted[name], abs=2e-4 * (1 + abs(wanted[name])))
         assert found[name] <= wanted[name] + 1e-9, "optimistic"
 

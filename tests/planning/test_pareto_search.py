@@ -19,13 +19,16 @@ from highd_lc.planning.planner import pose
 from highd_lc.planning.search import possible_durations
 from highd_lc.planning.starts import StartProblem, pose_starts
 from highd_lc.vocab import names
+from highd_lc.vocab.safety import SafetySettings
 from highd_lc.vocab.settings import PlannerSettings, ValidateSettings
 
+ELLIPSES_ALONE = SafetySettings(profile="paper")
+"""In these scenes the front is long: more asked of a plan leaves some of them none."""
 OMEGAS = (0.1, 0.3, 0.5, 0.7, 0.9, 1.0)
 
 
 def test_unit_cube_decodes_to_plans_whose_ends_keep_the_limits():
-    task = task_of(random_scene(np.random.default_rng(4)))
+    task = task_of(random_scene(np.random.default_rng(4)), ValidateSettings(safety=ELLIPSES_ALONE))
     x = np.random.default_rng(0).random((4000, 3))
     n, delta, change = decode(task, possible_durations(task), x)
     codes = violations(n * task.scene.dt, delta[:, None], change[:, None], task.scene.v0, task.scene.D, task.limit)
@@ -35,7 +38,7 @@ def test_unit_cube_decodes_to_plans_whose_ends_keep_the_limits():
 
 @pytest.fixture(scope="module", params=[1, 4, 6])
 def both(request) -> tuple[Points, Points]:
-    task = task_of(random_scene(np.random.default_rng(request.param)))
+    task = task_of(random_scene(np.random.default_rng(request.param)), ValidateSettings(safety=ELLIPSES_ALONE))
     front = nsga2_front(plan_space(task), names.EQUAL, population=80, generations=50, rng=np.random.default_rng(1))
     return front, sweep(task, names.EQUAL, OMEGAS)
 
@@ -61,7 +64,7 @@ def test_sweep_lies_on_the_front(both):
 
 
 def test_front_is_the_same_for_the_same_generator_seed():
-    task = task_of(random_scene(np.random.default_rng(1)))
+    task = task_of(random_scene(np.random.default_rng(1)), ValidateSettings(safety=ELLIPSES_ALONE))
     one, two = (
         nsga2_front(plan_space(task), names.PAPER, population=16, generations=5, rng=np.random.default_rng(7))
         for _ in range(2)
@@ -71,7 +74,7 @@ def test_front_is_the_same_for_the_same_generator_seed():
 
 
 def posed_starts(seed: int, waiting: str = "constant") -> StartProblem:
-    settings = ValidateSettings(planner=PlannerSettings(waiting=waiting))
+    settings = ValidateSettings(planner=PlannerSettings(waiting=waiting), safety=ELLIPSES_ALONE)
     return pose_starts(pose(random_scene(np.random.default_rng(seed)), settings))
 
 

@@ -7,6 +7,7 @@ import pytest
 from random_scenes import random_scene, reacting
 
 from highd_lc.core.quintic import sample
+from highd_lc.planning.limits import CONSTRAINTS
 from highd_lc.planning.planner import Plan, goals, plan_all, pose
 from highd_lc.planning.replay import follow, joins
 from highd_lc.planning.search import search
@@ -15,6 +16,7 @@ from highd_lc.planning.starts import CONTAINED, best_of, pose_starts
 from highd_lc.scoring import charges
 from highd_lc.vocab import names
 from highd_lc.vocab.driver import REPLAY_L_BOUNDS, TABLE3_MEANS
+from highd_lc.vocab.safety import SafetySettings
 from highd_lc.vocab.settings import ValidateSettings
 
 DT, LAST = 0.1, 150
@@ -99,10 +101,14 @@ def twin(scene, plan, waiting):
             av.think(lead)
         else:
             av.a.append(0.0)
+        if k < d or k >= d + n:
+            before = av.a[-2] if len(av.a) > 1 and k != d + n else 0.0
+            av.a[-1] = min(max(av.a[-1], before - 0.8, -8.0), before + 0.8, 8.0)
         vy = motion.vy[k - d] if d <= k <= d + n else 0.0
         speed.append(np.hypot(av.v, vy))
         inside = d <= k <= d + n
         step = abs(av.a[-1] - av.a[-2]) / DT if k > 0 else 0.0
+        step += abs(av.a[-2]) / DT if k == d + n + 1 else 0.0
         av_jerk.append(abs(motion.jx[k - d]) + abs(motion.jy[k - d]) if inside else step)
         for i, car in enumerate(cars):
             hv[i].append(car.v)
@@ -143,7 +149,10 @@ def test_losses_are_those_of_a_twin_simulated_from_t_start(seed, waiting):
 
 @pytest.mark.parametrize("seed", [3, 5, 6, 14, 23])
 def test_every_gap_is_charged_as_the_twin_says(seed):
-    problem = pose(random_scene(np.random.default_rng(seed)), with_planner(waiting="lcm", latest_end_s=15.0))
+    # Whoever approaches in these scenes is nearer than UN R79 allows: what they are for is the gaps.
+    settings = with_planner(waiting="lcm", latest_end_s=15.0)
+    settings = settings.model_copy(update={"safety": SafetySettings(braking=0.0, time_gap_s=0.1)})
+    problem = pose(random_scene(np.random.default_rng(seed)), settings)
     posed = pose_starts(problem)
     pools = start_pools(posed, goals(problem))[names.START]
     reached = set()
@@ -247,7 +256,7 @@ def test_rejected_and_feasible_candidates_add_up_and_limits_count_as_without_the
         feasible = sum(int(pool.feasible(plan.accounting).sum()) for pool in pools[form].values())
         assert plan.candidates == sum(plan.rejected_by.values()) + feasible
         for name, count in known[CONTAINS[plan.policy], plan.accounting].rejected_by.items():
-            if not name.startswith("clearance_"):
+            if name in CONSTRAINTS:
                 assert plan.rejected_by[name] == count
 
 

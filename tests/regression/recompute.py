@@ -13,6 +13,7 @@ import numpy as np
 import pandas as pd
 
 DT = 0.1
+JERK, ACCELERATION = 8.0, 8.0  # limits of the AV [m/s^3], [m/s^2]
 H = 15.0
 V_REF = 33.54
 N_COMFORT, N_EFFICIENCY = 8.0, 33.54
@@ -267,7 +268,10 @@ def drive(event: Event, plan: pd.Series) -> Drive:
     x, vx, y, vy = (np.zeros(LAST + 1) for _ in range(4))
     x[: n + 1], vx[: n + 1], y[: n + 1], vy[: n + 1] = m["x"], m["vx"], m["y"], m["vy"]
     y[n:] = m["y"][-1]
-    a = follow_leader(event, x, vx, n, event.leader)
+    before = m["ax"][-1] if human else 0.0
+    a = follow_leader(event, x, vx, n, event.leader, before=before)
+    # The step onto the drive counts where there is a drive.
+    a = np.append(before, a) if n < LAST else a
     joins = joining(event.lcm[0]["moment"], y / event.D, None if human else n // 2)
     return Drive(plan["T"], x, vx, y, vy, np.abs(m["jx"]) + np.abs(m["jy"]), a, joins)
 
@@ -281,14 +285,21 @@ def joining(moment: float, made: np.ndarray, crossing: int | None) -> int:
     return int(np.argmax(made >= moment - 1e-9)) if (made >= moment - 1e-9).any() else LAST + 1
 
 
-def follow_leader(event: Event, x: np.ndarray, vx: np.ndarray, n: int, leader: Vehicle | None) -> np.ndarray:
-    """The AV by LCM from sample n on, filled into x and vx; its commands from there."""
+def gentle(a: float, before: float) -> float:
+    """What a car with the AV's limits of jerk and acceleration makes of a command, a sample after another one."""
+    return min(max(a, before - JERK * DT, -ACCELERATION), before + JERK * DT, ACCELERATION)
+
+
+def follow_leader(
+    event: Event, x: np.ndarray, vx: np.ndarray, n: int, leader: Vehicle | None, *, before: float
+) -> np.ndarray:
+    """The AV by LCM from sample n on, filled into x and vx; its commands from there. before: the one before."""
     a = np.empty(LAST - n + 1)
     for k in range(n, LAST + 1):
         ahead = None
         if leader is not None:
             ahead = leader.x[k] - x[k] + (leader.length - event.ego.length) / 2, leader.v[k]
-        a[k - n] = lcm_acceleration(TABLE3_MEAN, vx[k], ahead)
+        a[k - n] = gentle(lcm_acceleration(TABLE3_MEAN, vx[k], ahead), a[k - n - 1] if k > n else before)
         if k < LAST:
             vx[k + 1] = max(vx[k] + a[k - n] * DT, 0.0)
             x[k + 1] = x[k] + vx[k + 1] * DT
@@ -436,6 +447,26 @@ def separation(
     own = np.hypot(axes[0] * np.cos(angle - headings[:, None]), axes[1] * np.sin(angle - headings[:, None]))
     reach = own + np.hypot(other[0] * np.cos(angle), other[1] * np.sin(angle))
     return (centres[:, :1] * np.cos(angle) + centres[:, 1:] * np.sin(angle) - reach).max(axis=1)
+
+
+def safety_slack(event: Event, plan: pd.Series) -> dict[str, float]:
+    """By how much a plan that starts at once keeps each constraint of the default safety profile."""
+    av, n = drive(event, plan), round(plan["T"] / DT)
+    first, leader = behind(event, av)[0], event.leader
+    length, car = event.ego.length, event.followers[0]
+    gap = av.x - first["x"] - (length + car.length) / 2
+    closing = max(first["v"][0] - av.vx[0], 0.0)
+    critical = closing * 0.4 + closing**2 / 6.0 + av.vx[0] if closing else 0.0
+    pairs = {"behind": (gap, first["v"], av.vx)}
+    if leader is not None:
+        pairs["ahead"] = (leader.x - av.x - (leader.length + length) / 2, av.vx, leader.v)
+    slack = {"start": gap[0] - critical, "acceleration": ACCELERATION - np.abs(av.a).max()}
+    slack["jerk"] = JERK - np.abs(np.diff(av.a)).max(initial=0.0) / DT
+    for name, (apart, v, v_leader) in pairs.items():
+        used = slice(n // 2, None)
+        slack[f"time gap {name}"] = np.nanmin((apart - 0.5 * v)[used])
+        slack[f"drac {name}"] = np.nanmin((2 * 3.35 * apart - np.maximum(v - v_leader, 0.0) ** 2)[used])
+    return slack
 
 
 def smallest_clearance(event: Event, plan: pd.Series) -> float:

@@ -23,6 +23,7 @@ from recompute import (
     Driver,
     Event,
     Vehicle,
+    gentle,
     joining,
     nearest,
     quintic,
@@ -115,6 +116,7 @@ def play(event: Event, plan: pd.Series) -> Played:
             car.think(k, av if i == joined and k >= joins else own)
         if k >= d + n:
             av.think(k, before_av)
+            av.a[k] = gentle(av.a[k], av.a[k - 1])
         if target is not None and target.lcm is not None:
             target.think(k, av if k >= joins else None)
         if k < LAST:
@@ -135,7 +137,9 @@ def start_losses(event: Event, plan: pd.Series) -> dict[str, float]:
     p = play(event, plan)
     av_to_h, hv_to_h = CHARGED_TO_H[plan["accounting"]]
     av_end, hv_end = LAST if av_to_h else p.end, LAST if hv_to_h else p.end
-    steps = np.abs(np.diff(p.av.a[p.end :])).sum() / DT if av_to_h else 0.0
+    # Its drive begins with the step from the plan's 0.
+    driven = p.av.a[p.end - 1 :] if p.end < LAST else p.av.a[p.end :]
+    steps = np.abs(np.diff(driven)).sum() / DT if av_to_h else 0.0
     av_comfort = (p.j.sum() + steps) / N_COMFORT
     av_efficiency = np.abs(np.hypot(p.av.v, p.vy)[: av_end + 1] - V_REF).sum() / N_EFFICIENCY
     jerk = []

@@ -11,6 +11,7 @@ from recompute import (
     in_view,
     plan_losses,
     read_event,
+    safety_slack,
     smallest_clearance,
     unchanged,
 )
@@ -138,6 +139,24 @@ def test_error_and_effect_follow_from_the_same_samples(of_default):
             recorded = in_view(of_default, plan["event_id"], event, [car.v for car in event.followers])
             assert recorded == pytest.approx(plan["loss_hv_in_view_recorded"], rel=1e-6, nan_ok=True)
     assert known > 0
+
+
+def test_no_plan_breaks_the_safety_profile(tables, plans):
+    solved = plans[plans["status"] == "solved"]
+    assert len(solved) > 0
+    for event_id, rows in solved.groupby("event_id"):
+        event = read_event(tables, event_id)
+        for _, plan in rows.iterrows():
+            assert min(safety_slack(event, plan).values()) > -1e-6, (event_id, plan["policy"])
+            assert plan["accounting"] == "paper" or smallest_clearance(event, plan) > 0.3 - 1e-3
+
+
+def test_who_has_no_plan_stays_and_says_why(tables):
+    plans = tables["plans"]
+    without = plans[plans["T"].isna()]
+    assert (without["fallback"] == "no_lane_change").all()
+    assert (without["binding"] != "").all()
+    assert (plans.loc[plans["T"].notna(), "fallback"] != "no_lane_change").all()
 
 
 def test_smallest_clearance_follows_from_the_artefacts(tables, plans):

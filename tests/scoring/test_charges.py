@@ -84,7 +84,8 @@ def test_nobody_recorded_is_unavailable_not_zero():
 
 
 def pair(gap, v, v_leader, first=0):
-    return Pair(np.array(gap, float), np.array(v, float), np.array(v_leader, float), 5.0, first, "behind", "ahead")
+    known = (np.array(gap, float), np.array(v, float), np.array(v_leader, float), 5.0, first, "behind", "ahead")
+    return Pair(*known, front=np.zeros(len(gap)))
 
 
 def test_safety_by_hand():

@@ -9,6 +9,10 @@ function cividis(share) {
   return CIVIDIS[k].map((low, c) => Math.round(low + (at - k) * (CIVIDIS[k + 1][c] - low)));
 }
 
+/* Limits of motion, contact, then the constraints of the safety profile, in the order of the payload. */
+const BLOCKED = [null, [150, 150, 150], [90, 90, 90], [176, 88, 141], [0, 114, 178], [86, 180, 233], [170, 120, 60],
+  [213, 94, 0], [230, 159, 0]];
+
 function levels(packed) {
   const whole = new Uint16Array(bytes(packed.data).buffer);
   return Float64Array.from(whole, (level) => (level === 65535 ? NaN : packed.low + level * packed.scale));
@@ -31,16 +35,26 @@ class SurfaceView {
     const feasible = (k) => Boolean((mask[k >> 3] >> (k & 7)) & 1);
     const inside = [...values].filter((value, k) => feasible(k) && Number.isFinite(value)).sort((a, b) => a - b);
     const low = inside[0], high = inside[Math.floor(0.9 * (inside.length - 1))];
-    this.svg.replaceChildren(this.image(values, feasible, low, high), ...this.axes(), ...this.points(accounting, looks));
+    const blocked = packed.blocked ? bytes(packed.blocked) : null;
+    this.svg.replaceChildren(this.image(values, feasible, low, high, blocked), ...this.axes(), ...this.points(accounting, looks));
     const name = { joint: "Joint objective, equal weights", av: "Loss of the AV", hv: "Loss of the followers" }[quantity];
     const text = inside.length
-      ? `${name}: from ${fixed(low, 2)} (dark) to ${fixed(high, 2)} and above (bright) where all constraints hold. Grey: some constraint is violated.`
+      ? `${name}: from ${fixed(low, 2)} (dark) to ${fixed(high, 2)} and above (bright) where all constraints hold. ${blocked ? "Elsewhere the colour says which constraint is violated first." : "Grey: some constraint is violated."}`
       : "No candidate of this grid meets all constraints.";
-    this.note.textContent = text;
+    this.note.replaceChildren(node("span", {}, text), ...this.legend(blocked));
     this.svg.setAttribute("aria-label", `${text} Points: ${this.spoken(accounting, looks)}.`);
   }
 
-  image(values, feasible, low, high) {
+  legend(blocked) {
+    const present = [...new Set(blocked || [])].filter((code) => code > 0).sort((a, b) => a - b);
+    return present.map((code) => {
+      const box = mark("rect", { width: 26, height: 8, fill: `rgb(${BLOCKED[code]})`, "fill-opacity": 0.55 });
+      const swatch = mark("svg", { viewBox: "0 0 26 8", "aria-hidden": "true" }, box);
+      return node("span", {}, swatch, this.surface.blockers[code]);
+    });
+  }
+
+  image(values, feasible, low, high, blocked) {
     const [rows, columns] = [this.surface.T.length, this.surface.x.length];
     const canvas = node("canvas", { width: rows, height: columns });
     const context = canvas.getContext("2d");
@@ -51,8 +65,9 @@ class SurfaceView {
         const p = 4 * ((columns - 1 - j) * rows + i);
         const known = Number.isFinite(values[k]);
         const colour = known ? cividis((values[k] - low) / (high - low || 1)) : [128, 128, 128];
-        pixels.data.set(feasible(k) ? colour : Array(3).fill(Math.round(colour[0] * 0.3 + colour[1] * 0.59 + colour[2] * 0.11)), p);
-        pixels.data[p + 3] = feasible(k) ? 255 : known ? 60 : 25;
+        const grey = Array(3).fill(Math.round(colour[0] * 0.3 + colour[1] * 0.59 + colour[2] * 0.11));
+        pixels.data.set(feasible(k) ? colour : (blocked && BLOCKED[blocked[k]]) || grey, p);
+        pixels.data[p + 3] = feasible(k) ? 255 : blocked ? 140 : known ? 60 : 25;
       }
     }
     context.putImageData(pixels, 0, 0);

@@ -18,6 +18,8 @@ from highd_lc.vocab.tables.summaries import (
     FIT_TABLES,
     LEADERBOARD,
     OTHER_PLANS,
+    SAFETY_COLUMNS,
+    SAFETY_TABLES,
     SUMMARY_LCM,
     SUMMARY_LOSSES,
     VALIDATION_MATRIX,
@@ -276,6 +278,17 @@ PLANS = Table(
         Column("candidates", "int64", "candidates looked at", minimum=0),
         _number("min_clearance_m", "smallest distance between ellipses over the accounted time", "m"),
         Column("margins", "map<string,float64>", "margin of each constraint; the closest one when infeasible"),
+        Column(
+            "moments",
+            "map<string,float64>",
+            "when the margin of a constraint of the safety profile is smallest [s from t_start]",
+        ),
+        _word(
+            "fallback",
+            "what the AV does instead where the policy's lane change is not allowed: wait, or stay in its lane",
+            names.FALLBACKS,
+        ),
+        _word("binding", "the constraint that forbids it; empty without a fallback"),
         Column("violations", "list<string>", "constraints that a reference policy violates"),
         _word("contact", "who drives through whom, over the accounted time, as a_through_b; empty = nobody"),
         Column("contact_after_T", "bool", "whether ellipses overlap between T and H", "", True),
@@ -338,6 +351,7 @@ LOSSES = Table(
             "m/s²",
         ),
         _number("peak_follower_decel", "strongest braking of a follower, positive", "m/s²"),
+        *SAFETY_COLUMNS,
     ),
 )
 
@@ -400,6 +414,6 @@ TABLES: Final = {
     for table in (
         TRACKS, VEHICLES, RECORDINGS, CROSSINGS, EVENTS, EVENT_TRACKS, FOLLOWERS, PLANS, LOSSES,
         VALIDATION_MATRIX, TRACKING, SUMMARY_LCM, SUMMARY_LOSSES, EVENT_PAGES, *FIT_TABLES, *PREDICTION_TABLES,
-        *STUDY_TABLES, *ROBUST_TABLES, OTHER_PLANS, LEADERBOARD, *SCENARIO_TABLES, TRUTH,
+        *SAFETY_TABLES, *STUDY_TABLES, *ROBUST_TABLES, OTHER_PLANS, LEADERBOARD, *SCENARIO_TABLES, TRUTH,
     )
 }  # fmt: skip

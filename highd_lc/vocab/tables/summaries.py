@@ -5,6 +5,7 @@ from typing import Final
 from highd_lc.vocab import names
 from highd_lc.vocab.driver import PARAMETERS
 from highd_lc.vocab.policy import PAIRS, ROBUST_PAIRS
+from highd_lc.vocab.safety import PROFILES
 from highd_lc.vocab.tables.columns import Column, Table, count, number, word
 
 BELIEVED: Final = "believed"
@@ -90,6 +91,7 @@ VALIDATION_MATRIX = Table(
         ),
         _ACCOUNTING,
         word("stratum", "all, or a class of one stratification"),
+        word("safety", "safety profile under which was planned (equations.md 5.8)", PROFILES),
         count("n_events", "events in the stratum, infeasible ones included"),
         count("n_recordings", "recordings in the stratum"),
         number("total_benchmark", "sum of loss_total under the benchmark"),
@@ -117,6 +119,80 @@ VALIDATION_MATRIX = Table(
         ),
     ),
 )
+
+SAFETY_COLUMNS: Final = (
+    number("tet_s", "time for which some target-lane pair has a TTC below safety.ttc_s", "s", minimum=0),
+    number("tit_s2", "integral of safety.ttc_s minus TTC over that time, of all pairs", "s²", minimum=0),
+    number("min_time_gap_ahead_s", "AV to its new leader, from the crossing to H; null without one", "s"),
+    number("min_time_gap_behind_s", "first follower to the AV, from the crossing to H", "s"),
+    number("time_gap_shortfall_s", "by how much the smaller one lacks safety.time_gap_target_s", "s", minimum=0),
+    number("max_drac_ahead", "DRAC of the AV to its new leader, from the crossing to H", "m/s²", minimum=0),
+    number("max_drac_behind", "DRAC of the first follower to the AV, from the crossing to H", "m/s²", minimum=0),
+    number("pet_s", "post-encroachment time at the crossing, of leader and AV or AV and follower", "s"),
+    number("r79_gap_m", "critical gap of UN R79 (ACSF C) at the manoeuvre's start; 0: nobody approaches", "m"),
+    number("r79_margin_m", "gap from the first follower to the AV at the start beyond it", "m"),
+    number("braking_asked", "braking asked of the first follower by R79 then; null: no braking would do", "m/s²"),
+    number("rss_margin_ahead_m", "smallest gap of the AV beyond the RSS distance, from the crossing to H", "m"),
+    number("rss_margin_behind_m", "the same of the first follower behind the AV", "m"),
+)
+"""Columns of ``losses`` beside the classical measures: exposure, and the lane change's own two pairs."""
+
+SAFETY_LOSSES = Table(
+    "safety_losses",
+    "event of the sample, safety profile, policy and accounting",
+    ("recording_id", "event_id", "safety", "policy", "accounting"),
+    (
+        word("event_id", "RR-VVVV-FFFFF: recording, ego, crossing frame"),
+        Column("recording_id", "int64", "number in the recording's file name", minimum=0),
+        word("safety", "safety profile under which was planned", PROFILES),
+        _POLICY,
+        _ACCOUNTING,
+        word("status", "outcome of the planner", names.PLAN_STATUSES),
+        word("contact", "who drives through whom: there are no losses then; empty = nobody"),
+        word("binding", "the constraint that forbids a lane change; empty with a plan"),
+        number("loss_av", "loss of the AV", minimum=0),
+        number("loss_hv", "followers' loss", minimum=0),
+        number(
+            "loss_unchanged", "loss_total of no lane change under that profile; null without a plan", minimum=0
+        ),
+        Column("violated", "list<string>", "constraints of the profile practice that the plan breaks"),
+    ),
+)
+
+SAFETY_PRICE = Table(
+    "safety_price",
+    "form, accounting and safety profile: what the profile costs, on a sample of events",
+    ("form", "accounting", "safety"),
+    (
+        word("form", "fixed or free end speed", names.FORMS),
+        _ACCOUNTING,
+        word("safety", "safety profile under which was planned", PROFILES),
+        count("n_events", "events in the sample"),
+        count("infeasible", "of them, those without a plan under this profile"),
+        count("n_both", "of them, those with plans under both profiles: what follows is of these"),
+        number("total_benchmark", "sum of loss_total under the benchmark"),
+        number("total_local", "sum of loss_total under the local optimum"),
+        number("gain", "1 - total_local / total_benchmark"),
+        number("gain_low", "lower end of the interval over recordings"),
+        number("gain_high", "upper end of the interval over recordings"),
+        number("gain_incremental", "1 - ratio of the sums of the losses above those of no lane change"),
+    ),
+)
+
+SAFETY_VIOLATIONS = Table(
+    "safety_violations",
+    "safety profile, policy and constraint of the profile practice",
+    ("safety", "policy", "constraint"),
+    (
+        word("safety", "safety profile under which was planned", PROFILES),
+        _POLICY,
+        word("constraint", "what the profile practice asks; any = at least one of them"),
+        count("n", "plans of the sample, primary accounting, without contact"),
+        number("share", "share of them that break it", minimum=0, maximum=1),
+    ),
+)
+
+SAFETY_TABLES: Final = (SAFETY_LOSSES, SAFETY_PRICE, SAFETY_VIOLATIONS)
 
 SUMMARY_LCM = Table(
     "summary_lcm",
