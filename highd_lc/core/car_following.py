@@ -70,7 +70,7 @@ def new_scratch(n_samples: int) -> tuple[FloatArray, FloatArray]:
     return np.empty(_SCRATCH_ROWS * WIDTH), np.empty(SIMULATED * (n_samples + 1) * WIDTH)
 
 
-@njit(cache=True, nogil=True, fastmath={"contract"}, error_model="numpy", **UNALIASED)
+@njit(cache=True, nogil=True, error_model="numpy", **UNALIASED)
 def load_tile(parameters: FloatArray, first: int, width: int, scratch: FloatArray) -> None:
     """Put candidates first .. first + width of parameters (6, n) into the scratch, divisions done once."""
     for i in range(width):
@@ -82,7 +82,7 @@ def load_tile(parameters: FloatArray, first: int, width: int, scratch: FloatArra
         scratch[_L * WIDTH + i] = parameters[5, first + i]
 
 
-@njit(inline="always", fastmath={"contract"})
+@njit(inline="always")
 def _command(
     v: float,
     spacing: float,
@@ -104,7 +104,7 @@ def _command(
     return bounded(A * (1.0 - v * inverse_v_desire - vector_exp(exponent)), hardest)
 
 
-@njit(cache=True, nogil=True, fastmath={"contract"}, error_model="numpy", **UNALIASED)
+@njit(cache=True, nogil=True, error_model="numpy", **UNALIASED)
 def _delay_commands(k: int, width: int, scratch: FloatArray, states: FloatArray) -> None:
     """Accelerations acting at sample k: the commands of tau ago, linear between samples.
 
@@ -118,7 +118,7 @@ def _delay_commands(k: int, width: int, scratch: FloatArray, states: FloatArray)
         states[k * _NEXT + SIM_A * WIDTH + i] = recent + (back - whole) * (older - recent)
 
 
-@njit(cache=True, nogil=True, fastmath={"contract"}, error_model="numpy", **UNALIASED)
+@njit(cache=True, nogil=True, error_model="numpy", **UNALIASED)
 def _step_idm(
     now: int,
     width: int,
@@ -147,7 +147,7 @@ def _step_idm(
         states[now + _NEXT + SIM_X * WIDTH + i] = x
 
 
-@njit(cache=True, nogil=True, fastmath={"contract"}, error_model="numpy", **UNALIASED)
+@njit(cache=True, nogil=True, error_model="numpy", **UNALIASED)
 def simulate_closed_loop(
     track: FloatArray,
     width: int,
@@ -207,7 +207,7 @@ def simulate_closed_loop(
                 states[now + _NEXT + SIM_X * WIDTH + i] = x
 
 
-@njit(cache=True, nogil=True, fastmath={"contract"}, error_model="numpy", **UNALIASED)
+@njit(cache=True, nogil=True, error_model="numpy", **UNALIASED)
 def simulate_open_loop(
     track: FloatArray, width: int, delayed: bool, hardest: float, scratch: FloatArray, states: FloatArray
 ) -> None:
@@ -246,7 +246,7 @@ def simulate_open_loop(
             scratch[ERROR_1 * WIDTH + i] += weight * error * error
 
 
-@njit(cache=True, nogil=True, fastmath={"contract"}, error_model="numpy", **UNALIASED)
+@njit(cache=True, nogil=True, error_model="numpy", **UNALIASED)
 def evaluate_tile(
     problem: FitProblem,
     parameters: FloatArray,
@@ -276,7 +276,7 @@ def evaluate_tile(
         objectives[first + i] = objective
 
 
-@njit(cache=True, nogil=True, fastmath={"contract"}, error_model="numpy", **UNALIASED)
+@njit(cache=True, nogil=True, error_model="numpy", **UNALIASED)
 def evaluate_population(
     problem: FitProblem, parameters: FloatArray, scratch: FloatArray, states: FloatArray, objectives: FloatArray
 ) -> None:

@@ -96,13 +96,13 @@ def _as_c(function: Callable[..., float], count: int) -> Any:
         return ctypes.CFUNCTYPE(ctypes.c_double, *[ctypes.c_double] * CALL_VALUES)(interpreted)
 
 
-@njit(inline="always", fastmath={"contract"})
+@njit(inline="always")
 def bounded(a: float, hardest: float) -> float:
     """A command a [m/s^2] that brakes by ``hardest`` at most."""
     return max(a, -hardest)
 
 
-@njit(inline="always", fastmath={"contract"})
+@njit(inline="always")
 def gentle(a: float, before: float, most: float, step: float) -> float:
     """A command a [m/s^2] of at most ``most`` either way that differs from the one before by ``step`` at most.
 
@@ -111,14 +111,14 @@ def gentle(a: float, before: float, most: float, step: float) -> float:
     return min(max(a, max(before - step, -most)), min(before + step, most))
 
 
-@njit(inline="always", fastmath={"contract"})
+@njit(inline="always")
 def advance(x: float, v: float, a: float, dt: float) -> tuple[float, float]:
     """Position [m] and speed [m/s], at least 0, a step dt [s] later under the command a [m/s^2]."""
     faster = max(v + a * dt, 0.0)
     return x + faster * dt, faster
 
 
-@njit(inline="always", fastmath={"contract"})
+@njit(inline="always")
 def lcm_command(
     v: float,
     spacing: float,
@@ -135,7 +135,7 @@ def lcm_command(
     return bounded(lcm_acceleration(v, spacing, v_leader, v_desire, A, b, B, tau, L), hardest)
 
 
-@njit(inline="always", fastmath={"contract"})
+@njit(inline="always")
 def lcm_step(
     x: float,
     v: float,
@@ -159,7 +159,7 @@ def lcm_step(
     return a, later, faster
 
 
-@njit(inline="always", fastmath={"contract"})
+@njit(inline="always")
 def family_command(
     family: int,
     v: float,
@@ -184,13 +184,13 @@ def family_command(
     return 0.0
 
 
-@njit(inline="always", fastmath={"contract"})
+@njit(inline="always")
 def remembered(t: float, memory: float) -> float:
     """Share m of the acceleration at t_start that persists t [s] later. memory: time constant [s], 0 = none."""
     return np.exp(-t / memory) if memory > 0.0 else 0.0
 
 
-@njit(inline="always", fastmath={"contract"})
+@njit(inline="always")
 def credited(t: float, relaxation: float) -> float:
     """Share of the jump that is credited t [s] after the change of leader, 0 before it.
 
@@ -199,13 +199,13 @@ def credited(t: float, relaxation: float) -> float:
     return max(1.0 - t / relaxation, 0.0) if relaxation > 0.0 and t >= 0.0 else 0.0
 
 
-@njit(inline="always", fastmath={"contract"})
+@njit(inline="always")
 def intended(a: float, a_0: float, m: float, drift: float) -> float:
     """A command a [m/s^2] mixed with the acceleration a_0 that persists with share m; drift: of the road."""
     return m * a_0 + (1.0 - m) * (a + drift)
 
 
-@njit(inline="always", fastmath={"contract"})
+@njit(inline="always")
 def in_need(a: float, gap: float, closing: float, need: float) -> float:
     """A command a [m/s^2] no weaker than stopping a metre behind the leader requires, where that exceeds need.
 
@@ -216,7 +216,7 @@ def in_need(a: float, gap: float, closing: float, need: float) -> float:
     return min(a, -required) if required > need else a
 
 
-@njit(inline="always", fastmath={"contract"})
+@njit(inline="always")
 def follower_command(
     family: int,
     v: float,
@@ -244,7 +244,7 @@ def follower_command(
     return bounded(a, hardest)
 
 
-@njit(inline="always", fastmath={"contract"})
+@njit(inline="always")
 def jump(
     family: int,
     v: float,

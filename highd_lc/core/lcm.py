@@ -55,7 +55,7 @@ _bits_of: Any = intrinsic(_bits)
 _float_of: Any = intrinsic(_float)
 
 
-@njit(inline="always", fastmath={"contract"})
+@njit(inline="always")
 def vector_exp(x: float) -> float:
     """exp(x) for -700 <= x <= 700, relative error below 1e-15; outside that range the result is undefined.
 
@@ -81,7 +81,7 @@ _LARGEST_EXPONENT = 40.0
 _SMALLEST_EXPONENT = -700.0
 
 
-@njit(inline="always", fastmath={"contract"})
+@njit(inline="always")
 def desired_spacing(v: float, v_leader: float, b: float, B: float, tau: float, L: float) -> float:
     """Desired spacing s* of the LCM with its floor L (equation 11; the floor: equations.md 3.2).
 
@@ -100,7 +100,7 @@ def desired_spacing(v: float, v_leader: float, b: float, B: float, tau: float, L
     return max(wanted, L)
 
 
-@njit(inline="always", fastmath={"contract"})
+@njit(inline="always")
 def lcm_acceleration(
     v: float,
     spacing: float,
@@ -184,7 +184,7 @@ the friction of a dry road: the model alone commands unlimited braking as the ga
 """
 
 
-@njit(inline="always", fastmath={"contract"})
+@njit(inline="always")
 def idm_command(
     v: float, gap: float, v_leader: float, v_desire: float, A: float, b: float, T: float, s0: float
 ) -> float:

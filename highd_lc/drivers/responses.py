@@ -137,7 +137,7 @@ class _Ahead(NamedTuple):
     before_v: FloatArray
 
 
-@njit(cache=True, nogil=True, fastmath={"contract"}, error_model="numpy", **UNALIASED)
+@njit(cache=True, nogil=True, error_model="numpy", **UNALIASED)
 def _simulate(
     family: int, p: Behaviours, joins: IntArray, ahead: _Ahead, x0: FloatArray, v0: FloatArray, hardest: float,
     out: Simulated,

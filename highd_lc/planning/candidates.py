@@ -206,7 +206,7 @@ def evaluate_into(
                 out.unsafe[row, first + w] = unsafe[w]
 
 
-@njit(cache=True, nogil=True, fastmath={"contract", "arcp"}, error_model="numpy", **UNALIASED)
+@njit(cache=True, nogil=True, error_model="numpy", **UNALIASED)
 def _drive_av(
     n: int,
     state: FloatArray,
@@ -342,7 +342,7 @@ def _driving(family: int, reacts: bool) -> Any:
     whom it follows (to the AV: from the crossing on).
     """
 
-    @njit(cache=True, nogil=True, fastmath={"contract", "arcp"}, error_model="numpy", **UNALIASED)
+    @njit(cache=True, nogil=True, error_model="numpy", **UNALIASED)
     def drive(
         i: int,
         n: int,

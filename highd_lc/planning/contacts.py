@@ -246,7 +246,7 @@ def meet_follower(
     )
 
 
-@njit(cache=True, nogil=True, fastmath={"contract", "arcp"}, error_model="numpy", **UNALIASED)
+@njit(cache=True, nogil=True, error_model="numpy", **UNALIASED)
 def _drive_origin_follower(
     last: int,
     state: FloatArray,

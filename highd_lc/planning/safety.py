@@ -56,7 +56,7 @@ def _which(gap: float, v: float, time_gap: float, of_gap: int) -> int:
     return of_gap if gap < time_gap * v else of_gap + 1
 
 
-@njit(cache=True, nogil=True, fastmath={"contract"}, error_model="numpy", **UNALIASED)
+@njit(cache=True, nogil=True, error_model="numpy", **UNALIASED)
 def keep_ahead(
     n: int, state: FloatArray, scene: PackedScene, av_front: FloatArray, av_v: FloatArray, unsafe: IntArray
 ) -> None:
@@ -89,7 +89,7 @@ def keep_ahead(
                     unsafe[w] = 4
 
 
-@njit(cache=True, nogil=True, fastmath={"contract"}, error_model="numpy", **UNALIASED)
+@njit(cache=True, nogil=True, error_model="numpy", **UNALIASED)
 def keep_behind(
     n: int,
     state: FloatArray,

@@ -108,7 +108,7 @@ def drive_platoon(
     return Platoon(np.arange(n, dtype=np.float64) * dt, front.T, v.T, a.T, start.length, lead)
 
 
-@njit(cache=True, nogil=True, fastmath={"contract", "arcp"}, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy")
 def _drive(
     x: FloatArray,
     v: FloatArray,

@@ -185,7 +185,7 @@ def _step(
         state[FRONT * K + w], state[SPEED * K + w], state[COMMAND * K + w] = later, faster, a
 
 
-@njit(cache=True, nogil=True, fastmath={"contract", "arcp"}, error_model="numpy", **UNALIASED)
+@njit(cache=True, nogil=True, error_model="numpy", **UNALIASED)
 def _drive(
     av_front: FloatArray,
     av_v: FloatArray,

@@ -91,8 +91,7 @@ from highd_lc.vocab.settings import ValidateSettings
 from highd_lc.vocab.tables import TABLES
 
 STAGE = "validate"
-PART_TABLES = ("plans", "losses", "tracking", *STUDY_TABLES, "other_plans")
-PART_TABLES = ("plans", "losses", "tracking", "safety_losses", *STUDY_TABLES)
+PART_TABLES = ("plans", "losses", "tracking", "safety_losses", *STUDY_TABLES, "other_plans")
 
 Row = dict[str, Any]
 

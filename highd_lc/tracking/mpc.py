@@ -134,7 +134,7 @@ def new_memory(p: MpcParameters) -> MpcMemory:
     )
 
 
-@njit(inline="always", fastmath={"contract"})
+@njit(inline="always")
 def predict(
     error: FloatArray,
     input_error: FloatArray,
@@ -177,7 +177,7 @@ def predict(
             theta[at + 2, 2 * j + 1] += b21
 
 
-@njit(inline="always", fastmath={"contract"})
+@njit(inline="always")
 def weigh(rows: FloatArray, k: int, p: MpcParameters, memory: MpcMemory) -> None:
     """Write H = 2 (Theta' R Theta + Q) and f = 2 Theta' R F from the prediction at sample k."""
     theta, free, H, f = memory.theta, memory.free, memory.H, memory.f
@@ -199,7 +199,7 @@ def weigh(rows: FloatArray, k: int, p: MpcParameters, memory: MpcMemory) -> None
                 H[a, b] += weighted * theta[r, b]
 
 
-@njit(inline="always", fastmath={"contract"})
+@njit(inline="always")
 def bound(input_error: FloatArray, rows: FloatArray, k: int, p: MpcParameters, memory: MpcMemory) -> None:
     """Write the right-hand sides: absolute bounds moved by the reference's input and increment.
 
@@ -254,7 +254,7 @@ def solve(memory: MpcMemory) -> int:
     return flag if math.isfinite(checksum) else 0
 
 
-@njit(cache=True, nogil=True, inline="always", fastmath={"contract"})
+@njit(cache=True, nogil=True, inline="always")
 def kkt_residuals(
     H: FloatArray, f: FloatArray, A: FloatArray, upper: FloatArray, z: FloatArray, lam: FloatArray
 ) -> tuple[float, float, float]:
