@@ -1,7 +1,7 @@
 """The reactive planner of CommonRoad (commonroad-reactive-planner 2025.1), asked in our scenes: extra ``peers``.
 
 It gets the leaders' motions as our planner does, and everybody behind at constant speed, for it does not simulate
-reactions. Its reference path is the middle of the target lane, its desired speed the ego's at the start. One plan
+reactions. Its reference path is the middle of the target lane, its desired speed the ego's at the start; one plan
 of 6 s is made, with the planner's own sampling, cost function and vehicle (BMW 320i).
 
     highd-lc validate --planner examples.commonroad_reactive:commonroad_reactive
