@@ -39,7 +39,7 @@ _NOISY_MPS2: Final = 3.0
 """Root mean square of the second difference of the position beyond which it is noise [m/s^2]."""
 _WIDTHS_S: Final = (0.5, 1.0, 4.0)
 """Widths for positions, speeds and forward accelerations [s] (Thiemann, Treiber and Kesting 2008)."""
-_BIN_M, _BENT_M = 30.0, 0.5
+_BIN_M, _BENT_M, _MANY = 30.0, 0.5, 60
 _LANE_M: Final = 3.7
 
 
@@ -216,7 +216,8 @@ def _straight(rows: _Rows, lanes: IntArray) -> tuple[FloatArray, FloatArray, lis
     present = np.unique(lanes[lanes > 0])
     middle = np.full(int(present[-1]) + 1, np.nan)
     middle[present] = [np.median(x[lanes == lane]) for lane in present]
-    offset = _offsets(x - middle[lanes], along, lanes > 0)
+    vehicle = np.repeat(np.arange(len(rows.ids)), rows.index.counts)
+    offset = _offsets(x - middle[lanes], along, lanes > 0, vehicle=vehicle)
     bent = float(np.ptp(offset[1])) if len(offset[1]) else 0.0
     notes = []
     if bent > _BENT_M:
@@ -227,11 +228,16 @@ def _straight(rows: _Rows, lanes: IntArray) -> tuple[FloatArray, FloatArray, lis
     return x - edges[0], edges - edges[0], notes
 
 
-def _offsets(residual: FloatArray, along: FloatArray, on: BoolArray) -> tuple[FloatArray, FloatArray]:
-    """Places along the road [m] and the median offset there of all who are on a main lane [m]."""
+def _offsets(
+    residual: FloatArray, along: FloatArray, on: BoolArray, *, vehicle: IntArray
+) -> tuple[FloatArray, FloatArray]:
+    """Places along the road [m] and the median offset there of all who are on a main lane [m].
+
+    Only where many pass: the offset of a few is how they drive, not how the road lies.
+    """
     places = np.floor(along[on] / _BIN_M)
     found = np.unique(places)
-    many = [place for place in found if np.count_nonzero(places == place) >= 100]
+    many = [place for place in found if len(np.unique(vehicle[on][places == place])) >= _MANY]
     medians = [float(np.median(residual[on][places == place])) for place in many]
     return (np.array(many) + 0.5) * _BIN_M, np.array(medians)
 
