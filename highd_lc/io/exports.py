@@ -18,6 +18,7 @@ from highd_lc.io.atomic import whole_file
 from highd_lc.io.event_description import event_facts
 from highd_lc.vocab import names
 from highd_lc.vocab.errors import ArtefactError, UsageError
+from highd_lc.vocab.settings import Settings
 from highd_lc.vocab.tables.prediction import RECORDED
 
 FloatArray = NDArray[np.float64]
@@ -114,7 +115,8 @@ def export_scene(work: Path, event_id: str, *, policy: str = RECORDED, raw: bool
     quality = artefacts.read(work, "recordings", recording=recording)
     if not raw and quality["format"].iloc[0] == "highd":
         raise UsageError(f"{event_id}: {_LICENCE}")
-    motions = _motions(work, event_id, recording, policy)
+    model = _default_model(work)
+    motions = _motions(work, event_id, recording, policy, model=model)
     sizes = pd.DataFrame(facts["roles"]).set_index("role")
     rows = motions[motions["role"].isin(sizes.index)].copy()
     for column, name in (
@@ -124,12 +126,22 @@ def export_scene(work: Path, event_id: str, *, policy: str = RECORDED, raw: bool
         ("width", "width_m"),
     ):
         rows[column] = sizes[name].loc[rows["role"]].to_numpy()
-    duration = float(facts["duration_s"]) if policy == RECORDED else _duration(work, event_id, recording, policy)
+    duration = float(facts["duration_s"]) if policy == RECORDED else _duration(work, facts, policy, model)
     markings = _markings(work, facts, quality, rows)
     return ExportScene(event_id, policy, rows[list(COLUMNS)].reset_index(drop=True), markings, duration)
 
 
-def _motions(work: Path, event_id: str, recording: int, policy: str) -> pd.DataFrame:
+def _default_model(work: Path) -> str:
+    """The follower model that plans every event of a run."""
+    path = work / "settings.json"
+    try:
+        settings = Settings.model_validate_json(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise ArtefactError(f"{path}: cannot be read; run the stage validate") from error
+    return settings.validation.follower_models[0]
+
+
+def _motions(work: Path, event_id: str, recording: int, policy: str, *, model: str) -> pd.DataFrame:
     """Everybody's motion with all columns: of the policy those whom it moves, of the others the recorded ones."""
     path = artefacts.partition(work, "trajectories", recording)
     if not path.is_file():
@@ -139,13 +151,12 @@ def _motions(work: Path, event_id: str, recording: int, policy: str) -> pd.DataF
     if found.empty:
         raise ArtefactError(f"{event_id}: its motions were not written: set validate.trajectories = 'all'")
     recorded = found[(found["policy"] == RECORDED) & (found["kind"] == "recorded")]
-    moved = found[(found["policy"] == policy) & (found["kind"] == "simulated")]
+    moved = found[(found["policy"] == policy) & (found["kind"] == "simulated") & (found["followers"] == model)]
     if policy == RECORDED:
         moved = moved.iloc[:0]
     elif moved.empty:
         known = ", ".join(sorted(set(found["policy"])))
         raise UsageError(f"{event_id}: no plan of {policy!r}; there are {known}")
-    moved = moved[moved["followers"] == moved["followers"].iloc[0]] if len(moved) else moved
     others = recorded[~recorded["role"].isin(set(moved["role"]))]
     chosen = pd.concat([moved, others]).astype({name: float for name in ("t", "x", "y", "vx", "ax")})
     return pd.concat([_complete(rows) for _, rows in chosen.groupby("role", sort=False)])
@@ -161,11 +172,11 @@ def _complete(rows: pd.DataFrame) -> pd.DataFrame:
     return rows.assign(t=rows["t"].round(3), vy=vy, ay=ay, heading=heading)
 
 
-def _duration(work: Path, event_id: str, recording: int, policy: str) -> float:
-    plans = artefacts.read(work, "plans", recording=recording)
-    own = plans[(plans["event_id"] == event_id) & (plans["policy"] == policy)]
-    lasts = own.loc[own["accounting"] == names.PRIMARY_ACCOUNTING, "T"]
-    return float(lasts.iloc[0])
+def _duration(work: Path, facts: dict[str, Any], policy: str, model: str) -> float:
+    plans = artefacts.read(work, "plans", recording=int(facts["recording_id"]))
+    own = plans[(plans["event_id"] == facts["event_id"]) & (plans["policy"] == policy)]
+    own = own[(own["accounting"] == names.PRIMARY_ACCOUNTING) & (own["followers"] == model)]
+    return float(own["T"].iloc[0])
 
 
 def _markings(work: Path, facts: dict[str, Any], quality: pd.DataFrame, rows: pd.DataFrame) -> FloatArray:
