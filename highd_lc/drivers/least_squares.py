@@ -95,7 +95,7 @@ def _spread_candidates(problem: FitProblem, n: int, trial: FloatArray, candidate
             candidates[j, (1 + j) * STARTS + s] += step if inside else -step
 
 
-@njit(cache=True, nogil=True, error_model="numpy", **UNALIASED)
+@njit(cache=True, nogil=True, fastmath={"contract"}, error_model="numpy", **UNALIASED)
 def _accumulate(
     first: int, recorded: float, states: FloatArray, scales: FloatArray, inverse: FloatArray, normal: FloatArray
 ) -> None:
