@@ -8,8 +8,8 @@ J = sum((a_sim - a_obs)^2 / max(|a_obs|, 0.1)) / sum |a_obs|. Both: equations.md
 Candidates (parameter sets) are the innermost axis, in tiles of ``WIDTH``. A tile's rows lie at offsets known to
 the compiler in one flat array, so that LLVM needs no aliasing checks and vectorises the whole model step.
 
-Products and sums may be contracted here, as in no kernel that plans: the dispersion of a fit over its starts hangs on
-last bits along flat valleys, and stays the published one so.
+Products and sums may be contracted here, as in no kernel that plans: the dispersion of a fit over its starts hangs
+on last bits along flat valleys, and so stays what it was.
 """
 
 from dataclasses import dataclass
