@@ -114,7 +114,7 @@ class Scene:
             >>> scene = lc.Scene.of(
             ...     lc.Vehicle(v=28.0),
             ...     leader=lc.Vehicle(x=45.0, v=27.0),
-            ...     followers=[lc.Vehicle(x=-30.0, v=30.0), lc.Vehicle(x=-75.0, v=30.0, driver=lc.SIMULATION)],
+            ...     followers=[lc.Vehicle(x=-45.0, v=30.0), lc.Vehicle(x=-90.0, v=30.0, driver=lc.SIMULATION)],
             ... )
             >>> lc.plan(scene, lc.BENCHMARK).status
             'solved'
@@ -167,7 +167,7 @@ class Scene:
         if policy in FORM_OF_START:
             return plan_start(self._starts, policy, accounting, self._searched)
         if policy in FORM_OF_ROBUST:
-            return plan_one_robust(self._unknown, policy, accounting)
+            return plan_one_robust(self.unknown, policy, accounting)
         return planner.plan_one(self.problem, policy, accounting)
 
     def refuse_unknown(self, **words: str) -> None:
@@ -178,8 +178,12 @@ class Scene:
                 raise UsageError(f"{word} {value!r} is unknown; one of: {', '.join(known[word])}")
 
     @cached_property
-    def _unknown(self) -> RobustProblem:
-        """The scene of who knows no more of the followers than how much their drivers differ."""
+    def unknown(self) -> RobustProblem:
+        """The scene of who knows no more of the followers than how much their drivers differ.
+
+        That is the population's spread where its prior drives them, else that of each follower's fit. Published
+        parameters have none: the robust plan is then the plain one.
+        """
         robust, problem = self.settings.robust, self.problem
         rng = event_generator(0, self.planned.event_id, purpose="crowd")
         spread = self.planned.followers.spread
@@ -224,7 +228,7 @@ def _by_the_population(
     return replace(
         followers, parameters=np.stack(lcm, axis=1), L_no_change=float(drivers.L_before[0]), family=names.LCM,
         memory=drivers.memory, relaxation=drivers.relaxation, need=drivers.need, a_0=drivers.a_0,
-        drift=drivers.drift, moment=drivers.moment, spread=None,
+        drift=drivers.drift, moment=drivers.moment, spread=np.tile(PRIOR.spread, (len(drivers.tau), 1)),
     )  # fmt: skip
 
 

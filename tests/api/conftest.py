@@ -16,5 +16,5 @@ def scene():
     return lc.Scene.of(
         lc.Vehicle(v=28.0),
         leader=lc.Vehicle(x=45.0, v=27.0),
-        followers=[lc.Vehicle(x=-30.0, v=30.0), lc.Vehicle(x=-75.0, v=29.0, driver=lc.SIMULATION)],
+        followers=[lc.Vehicle(x=-45.0, v=30.0), lc.Vehicle(x=-90.0, v=29.0, driver=lc.SIMULATION)],
     )

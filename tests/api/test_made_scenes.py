@@ -5,6 +5,7 @@ import pytest
 
 import highd_lc as lc
 from highd_lc.planning import planner
+from highd_lc.planning.robust import plan_robust
 from highd_lc.planning.start_planner import plan_starts
 
 FREE_ROAD = lc.LcmParameters(v_desire=30.0, A=4.0, b=6.0, B=6.0, tau=0.8, L=6.0)
@@ -33,7 +34,7 @@ def test_a_follower_at_its_desired_speed_far_away_loses_nothing():
 
 
 def test_who_is_planned_alone_is_planned_as_among_all(scene):
-    everybody = planner.plan_all(scene.problem) + plan_starts(scene.problem)
+    everybody = planner.plan_all(scene.problem) + plan_starts(scene.problem) + plan_robust(scene.unknown)
     assert {plan.policy for plan in everybody} == {*lc.POLICIES} - {lc.HUMAN}
     for plan in everybody:
         alone = lc.plan(scene, plan.policy, accounting=plan.accounting).found

@@ -156,3 +156,11 @@ def test_drivers_are_one_a_follower(recording):
     given = event.scene(drivers=[lc.SIMULATION] * len(event.followers)).drivers
     np.testing.assert_array_equal(given, [lc.SIMULATION.as_array()] * len(event.followers))
     np.testing.assert_allclose(event.scene().drivers["tau"], PRIOR["tau"])
+
+
+def test_unknown_drivers_of_an_event_differ_as_the_population_does(recording):
+    event = lc.lane_changes(recording)[0]
+    crowd = event.scene().unknown.crowd
+    assert len(np.unique(crowd.parameters[:, 0, 4])) == len(crowd.parameters) > 1
+    one = event.scene(drivers=[lc.SIMULATION] * len(event.followers)).unknown.crowd
+    np.testing.assert_array_equal(one.parameters, one.parameters[:1].repeat(len(one.parameters), axis=0))
