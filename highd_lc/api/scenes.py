@@ -16,9 +16,9 @@ from highd_lc.planning import planner, scene
 from highd_lc.planning.crowd import crowd_of, event_generator
 from highd_lc.planning.planner import PlanningProblem
 from highd_lc.planning.pool import Pool
-from highd_lc.planning.robust import FORM_OF_ROBUST, RobustProblem, plan_one_robust
+from highd_lc.planning.robust import RobustProblem, plan_one_robust
 from highd_lc.planning.scene import Followers, Motion
-from highd_lc.planning.start_planner import FORM_OF_START, plan_start
+from highd_lc.planning.start_planner import plan_start
 from highd_lc.planning.starts import Key, StartProblem, pose_starts
 from highd_lc.stages.responses import Traffic, response_rows, responses_of
 from highd_lc.stages.scenes import (
@@ -164,9 +164,9 @@ class Scene:
     def found(self, policy: str, accounting: str) -> planner.Plan:
         """A policy's plan as the planner gives it; nothing but its form is searched. Raises UsageError."""
         self.refuse_unknown(policy=policy, accounting=accounting)
-        if policy in FORM_OF_START:
+        if POLICIES[policy].chooses_start:
             return plan_start(self._starts, policy, accounting, self._searched)
-        if policy in FORM_OF_ROBUST:
+        if POLICIES[policy].robust:
             return plan_one_robust(self.unknown, policy, accounting)
         return planner.plan_one(self.problem, policy, accounting)
 

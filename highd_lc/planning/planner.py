@@ -28,7 +28,7 @@ from highd_lc.planning.safety import binding, human_margins, kept
 from highd_lc.planning.scene import PackedScene, Scene, contact_words, obstacle_roles, pack
 from highd_lc.planning.search import nominal_rejections, search
 from highd_lc.vocab import names
-from highd_lc.vocab.policy import ACCOUNTINGS, POLICIES
+from highd_lc.vocab.policy import ACCOUNTINGS, PAIRS, POLICIES
 from highd_lc.vocab.settings import ValidateSettings
 
 if TYPE_CHECKING:
@@ -41,12 +41,8 @@ Made = TypeVar("Made")
 CONSTANT_T = 5.5
 """Duration of the reference that changes lane at constant speed [s] (equations.md 6)."""
 
-FORM_OF = {
-    names.BENCHMARK: names.FIXED,
-    names.LOCAL_OPTIMUM: names.FIXED,
-    names.BENCHMARK_FREE: names.FREE,
-    names.LOCAL_OPTIMUM_FREE: names.FREE,
-}
+FORM_OF = {q: p.form for q, p in POLICIES.items() if p.searched and not p.chooses_start and not p.robust}
+"""Form of each searched policy that starts at t_start and takes its followers as known."""
 
 
 @dataclass(frozen=True)
@@ -147,8 +143,8 @@ def pose(scene: Scene, settings: ValidateSettings) -> PlanningProblem:
 
 def policies(settings: ValidateSettings) -> tuple[str, ...]:
     """The policies that are planned under the settings, references first."""
-    free = names.FREE_POLICIES if settings.planner.free_form else ()
-    return names.REFERENCE_POLICIES + names.FIXED_POLICIES + free
+    forms = names.FORMS if settings.planner.free_form else (names.FIXED,)
+    return names.REFERENCE_POLICIES + tuple(policy for form in forms for policy in PAIRS[form])
 
 
 def plan_all(problem: PlanningProblem) -> list[Plan]:
@@ -187,7 +183,7 @@ def _optimal(problem: PlanningProblem, pools: dict[str, Pool]) -> Iterator[Plan]
     for policy, form in FORM_OF.items():
         if form not in pools:
             continue
-        omega = 1.0 if policy in (names.BENCHMARK, names.BENCHMARK_FREE) else problem.settings.loss.omega_av
+        omega = POLICIES[policy].omega_av(problem.settings.loss.omega_av)
         for accounting in names.ACCOUNTINGS:
             goal = Goal(accounting, omega)
             yield best_plan(problem, pools[form], goal, policy, nominal[form], replays)

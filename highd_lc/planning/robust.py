@@ -17,11 +17,9 @@ from highd_lc.planning.planner import (
 from highd_lc.planning.pool import Goal, Pool, Task
 from highd_lc.planning.search import nominal_rejections, search
 from highd_lc.vocab import names
+from highd_lc.vocab.policy import POLICIES
 
-FORM_OF_ROBUST = {
-    names.LOCAL_OPTIMUM_ROBUST: names.FIXED,
-    names.LOCAL_OPTIMUM_ROBUST_FREE: names.FREE,
-}
+FORM_OF_ROBUST = {policy.name: policy.form for policy in POLICIES.values() if policy.robust}
 
 
 @dataclass(frozen=True)
@@ -76,6 +74,6 @@ def plan_one_robust(posed: RobustProblem, policy: str, accounting: str) -> Plan:
     problem, form = posed.problem, FORM_OF_ROBUST[policy]
     if overlap_at_start(problem):
         return next(p for p in infeasible_at_start(problem, [policy]) if p.accounting == accounting)
-    goal = Goal(accounting, problem.settings.loss.omega_av)
+    goal = Goal(accounting, POLICIES[policy].omega_av(problem.settings.loss.omega_av))
     nominal = nominal_rejections(problem.task, free=form == names.FREE)
     return best_plan(problem, posed.pool(form), goal, policy, nominal, {})

@@ -35,7 +35,7 @@ from highd_lc.planning.starts import CONTAINED, Key, StartProblem, best_of, pose
 from highd_lc.scoring import charges, cross_scores
 from highd_lc.scoring.cross_scores import Charged
 from highd_lc.vocab import names
-from highd_lc.vocab.policy import ACCOUNTINGS
+from highd_lc.vocab.policy import ACCOUNTINGS, PAIRS, POLICIES
 
 FloatArray = NDArray[np.float64]
 
@@ -88,17 +88,17 @@ def with_parameters(problem: PlanningProblem, parameters: FloatArray) -> Plannin
 
 def weight_of(problem: PlanningProblem, policy: str) -> float:
     """omega_AV of an optimal policy."""
-    return 1.0 if policy.startswith(names.BENCHMARK) else problem.settings.loss.omega_av
+    return POLICIES[policy].omega_av(problem.settings.loss.omega_av)
 
 
 def best_losses(problem: PlanningProblem) -> dict[tuple[str, str], tuple[Losses, float]]:
     """Losses and T [s] of every optimal policy under every accounting, searched anew; NaN where infeasible."""
     found = {}
     pools = problem.pools
-    for form, policies in ((names.FIXED, names.FIXED_POLICIES), (names.FREE, names.FREE_POLICIES)):
-        for policy in policies if form in pools else ():
+    for form, pool in pools.items():
+        for policy in PAIRS[form]:
             for accounting in names.ACCOUNTINGS:
-                losses, n = _optimum(pools[form], Goal(accounting, weight_of(problem, policy)))
+                losses, n = _optimum(pool, Goal(accounting, weight_of(problem, policy)))
                 found[policy, accounting] = losses, n * problem.packed.dt
     return found
 

@@ -25,7 +25,7 @@ from highd_lc.planning.pareto import BLOCKERS, ON_SURFACE, SurfacePoint, loss_su
 from highd_lc.planning.planner import FORM_OF, PlanningProblem
 from highd_lc.planning.replay import AvMotion, box_centre, drive_on, follow, human_motion, joins, plan_motion
 from highd_lc.planning.scene import Motion, PackedScene, Scene, leaders_of
-from highd_lc.planning.start_planner import FORM_OF_START, key_of, replay_start
+from highd_lc.planning.start_planner import key_of, replay_start
 from highd_lc.planning.starts import Key, StartProblem, pose_starts
 from highd_lc.reporting import labels
 from highd_lc.reporting.event import (
@@ -46,6 +46,7 @@ from highd_lc.tracking.plan_tracking import plan_reference
 from highd_lc.vocab import names
 from highd_lc.vocab.driver import PARAMETERS
 from highd_lc.vocab.job import Job
+from highd_lc.vocab.policy import POLICIES
 from highd_lc.vocab.settings import ValidateSettings
 from highd_lc.vocab.tables.prediction import RECORDED
 from highd_lc.vocab.tracking import KINEMATIC, TrackingSettings
@@ -163,14 +164,14 @@ Driven = tuple[AvMotion, Three]
 def policy_plays(problem: PlanningProblem, plans: Iterable[Row]) -> Iterator[Play]:
     """The motions behind an event's rows of ``plans``; rows with the same plan share one."""
     groups = _accountings_of(plans)
-    posed = pose_starts(problem) if any(key[0] in FORM_OF_START for key in groups) else None
+    posed = pose_starts(problem) if any(POLICIES[key[0]].chooses_start for key in groups) else None
     # Policies often find the same plan: it is driven once. Human and "no lane change" drive something else.
     driven: dict[tuple[Any, ...], Play] = {}
     for (policy, *shape, delay_s, v_start, gap), accountings in groups.items():
         of = policy if policy in (names.HUMAN, names.NO_LANE_CHANGE) else ""
         motion = (of, *shape, delay_s, v_start, gap)
         if motion not in driven:
-            if policy in FORM_OF_START and posed is not None:
+            if POLICIES[policy].chooses_start and posed is not None:
                 run = _delayed(posed, key_of(posed, gap, delay_s), v_start, *shape)
             else:
                 run = _replayed(problem, policy, *shape)
@@ -184,7 +185,7 @@ def _accountings_of(plans: Iterable[Row]) -> dict[tuple[Any, ...], list[str]]:
     for row in plans:
         # A start without delay into the recorded gap is the play of the policy that it contains: pages stay small.
         starts_at_once = row["delay_s"] == 0.0 and row["gap"] == names.RECORDED_GAP
-        if row["policy"] in FORM_OF_START and starts_at_once:
+        if POLICIES[row["policy"]].chooses_start and starts_at_once:
             continue
         if row["status"] in (names.SOLVED, names.REFERENCE, names.CONTACT):
             key = tuple(row[name] for name in ("policy", "T", "x_final", "v_end", "delay_s", "v_start", "gap"))

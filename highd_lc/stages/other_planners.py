@@ -168,7 +168,7 @@ def _ours(work: Path, model: str, events: set[str]) -> pd.DataFrame:
     found = plans[[*key, "status", "violations"]].merge(losses.drop(columns="accounting"), on=key)
     found = found.merge(tracking[[*key, "rmse_lateral_m"]], on=key, how="left")
     own = found["followers"].eq(model) & found["event_id"].isin(events)
-    own &= ~found["policy"].isin((*names.START_POLICIES, *names.FREE_START_POLICIES))
+    own &= ~found["policy"].isin([name for name, one in POLICIES.items() if one.chooses_start or one.robust])
     return found[own].assign(ours=True)
 
 

@@ -144,10 +144,10 @@ def foresight_rows(study: Study) -> Iterator[Row]:
     """Rows of ``foresight``: both policies that choose their start, with each kind of knowledge of the leaders."""
     if not study.solvable:
         return
-    omegas = (1.0, study.problem.settings.loss.omega_av)
     kinds = zip(KNOWLEDGE, (with_recorded, with_predicted, with_replanning), strict=True)
     for knowledge, drive in kinds:
-        for policy, omega in zip(names.START_POLICIES, omegas, strict=True):
+        for policy in PAIRS[names.START]:
+            omega = POLICIES[policy].omega_av(study.problem.settings.loss.omega_av)
             yield {
                 "policy": policy,
                 "knowledge": knowledge,
@@ -358,7 +358,7 @@ def foresight_summary(foresight: pd.DataFrame, statistics: StatisticsSettings, *
     """One row a policy and kind of knowledge. foresight: the artefact."""
     bootstrap = Bootstrap(statistics.bootstrap, statistics.confidence, seed)
     rows = []
-    for policy in names.START_POLICIES:
+    for policy in PAIRS[names.START]:
         of_policy = foresight[foresight["policy"] == policy]
         known = of_policy[of_policy["knowledge"] == RECORDED].set_index("event_id")
         known = known[known["objective"].notna()]

@@ -16,6 +16,7 @@ from highd_lc.stages import calibrate, validate
 from highd_lc.stages.overview_pages import OVERVIEW_PAGES, Overview, page_of
 from highd_lc.vocab import names
 from highd_lc.vocab.job import Combination, Options, Outcome, Provenance
+from highd_lc.vocab.policy import PAIRS
 from highd_lc.vocab.settings import Settings
 from highd_lc.vocab.tables import TABLES
 
@@ -99,7 +100,7 @@ def test_no_plan_that_can_be_driven_is_a_result(tmp_path: Path) -> None:
     outcome = _report(tmp_path, settings)
     assert not outcome.problems
     plans = artefacts.read(tmp_path / "work", "plans")
-    optimal = plans[plans["policy"].isin((*names.FIXED_POLICIES, *names.FREE_POLICIES, *names.START_POLICIES))]
+    optimal = plans[plans["policy"].isin((*names.FIXED_POLICIES, *names.FREE_POLICIES, *PAIRS[names.START]))]
     assert set(optimal["status"]) == {names.INFEASIBLE}
     matrix = artefacts.read(tmp_path / "work", "validation_matrix")
     assert (matrix["infeasible"] == matrix["n_events"]).all()

@@ -16,6 +16,7 @@ from highd_lc.planning.starts import CONTAINED, best_of, pose_starts
 from highd_lc.scoring import charges
 from highd_lc.vocab import names
 from highd_lc.vocab.driver import REPLAY_L_BOUNDS, TABLE3_MEANS
+from highd_lc.vocab.policy import PAIRS
 from highd_lc.vocab.safety import SafetySettings
 from highd_lc.vocab.settings import ValidateSettings
 
@@ -202,10 +203,10 @@ def test_no_policy_loses_to_one_that_it_contains(seed):
             assert plan.delay_s + plan.quintic.T <= 10.0 + 1e-9
             assert min(plan.margins.values()) > -1e-6
     for accounting in names.ACCOUNTINGS:
-        for fixed, free in zip(names.START_POLICIES, names.FREE_START_POLICIES, strict=True):
+        for fixed, free in zip(PAIRS[names.START], PAIRS[names.FREE_START], strict=True):
             one, other = plans[free, accounting], plans[fixed, accounting]
             assert not one.objective > other.objective * (1 + 1e-12)
-        benchmark, local = (plans[q, accounting] for q in names.START_POLICIES)
+        benchmark, local = (plans[q, accounting] for q in PAIRS[names.START])
         if local.status == benchmark.status == names.SOLVED:
             assert losses_of(benchmark, problem)["loss_av"] <= losses_of(local, problem)["loss_av"] + 1e-9
 

@@ -7,12 +7,13 @@ from highd_lc.reporting.drawing import DARK
 from highd_lc.reporting.figures_population import start_figure
 from highd_lc.reporting.pages_population import StartTables, start_page
 from highd_lc.vocab import names
+from highd_lc.vocab.policy import CHOOSING_START
 from highd_lc.vocab.tables import TABLES
 
 
 def tiles():
     rows = []
-    for policy in names.START_POLICIES + names.FREE_START_POLICIES:
+    for policy in CHOOSING_START:
         for spacing, closing in ((np.nan, np.nan), (0.0, np.nan), (10.0, -2.0), (20.0, 4.0)):
             rows.append(
                 {
