@@ -228,7 +228,8 @@ def _spread(problem: _Descent, constants: FloatArray) -> FloatArray:
     """How much drivers differ in each parameter of the LCM, by what the population leaves unexplained, (6,).
 
     A linear mixed model of the errors of speed, z the drivers' deviations in the prior's standard deviations:
-    error = J z + noise, z ~ N(0, D), by expectation maximisation; the prior, D = 1, counts as a few drivers.
+    error = J z + noise, z ~ N(0, D), by expectation maximisation; the prior, D = 1, counts as a few drivers. How
+    large D is altogether follows from the errors' mean square (``_share_left``).
     """
     r, apart = problem.responses, slice(_APART, None, _APART)
     b = behaviours(constants, r, problem.moment)
@@ -250,7 +251,21 @@ def _spread(problem: _Descent, constants: FloatArray) -> FloatArray:
         noise = (float((left**2).sum()) + float(np.einsum("rij,rji->", H, V))) / samples + _LEAST_ERROR**2
         seen = (z**2 + np.diagonal(V, axis1=1, axis2=2)).sum(axis=0)
         D = (_SPREAD_PRIOR + seen) / (_SPREAD_PRIOR + len(r))
-    return np.asarray(SPREAD * np.sqrt(D))
+    explained = float(np.einsum("rii,i->", H, D)) / samples
+    share = _share_left(float((error**2).sum()) / samples, noise, explained, samples)
+    return np.asarray(SPREAD * np.sqrt(D * share ** (len(r) / (len(r) + _SPREAD_PRIOR))))
+
+
+def _share_left(left: float, noise: float, explained: float, samples: int) -> float:
+    """By which share drivers differ less than D says, by the method of moments: mean J D J' = left - noise.
+
+    left: mean square of the errors; explained: mean J D J' [m^2/s^2]. Without it a prior that is far too wide
+    stands out: of parameters that trade against each other each keeps a share of it. A difference below its own
+    sampling error counts as that.
+    """
+    if not explained > 0.0:
+        return 1.0
+    return max(left - noise, noise * np.sqrt(2.0 / samples)) / explained
 
 
 def _chosen_options(problem: _Descent, constants: FloatArray, options: list[str]) -> NDArray[np.bool_]:
