@@ -78,11 +78,16 @@ def effect_by_event(losses: pd.DataFrame, form: str) -> pd.DataFrame:
     recorded ego. error: simulated minus recorded; effect: local optimum minus benchmark.
     """
     rows = losses[losses["accounting"] == names.PRIMARY_ACCOUNTING]
-    seen, recorded = LOSS_COLUMNS
     benchmark, local, human = (
         rows[rows["policy"] == policy].set_index("event_id") for policy in (*PAIRS[form], names.HUMAN)
     )
-    error, effect = human[seen] - human[recorded], local[seen] - benchmark[seen]
+    return error_and_effect(human, local, benchmark)
+
+
+def error_and_effect(human: pd.DataFrame, policy: pd.DataFrame, against: pd.DataFrame) -> pd.DataFrame:
+    """The same for any two policies. All three: rows of ``losses`` of one accounting, indexed by event_id."""
+    seen, recorded = LOSS_COLUMNS
+    error, effect = human[seen] - human[recorded], policy[seen] - against[seen]
     return pd.DataFrame({"error": error, "effect": effect}).astype(float).dropna()
 
 

@@ -264,7 +264,7 @@ def _map_section(tiles: pd.DataFrame) -> Section:
     text = (
         "Against the same policy without the choice. The benchmark minimises the AV's loss, the local optimum the "
         "mean of the AV's and the followers'. Numbers in the tiles: events. Negative: it costs.",
-        "Hatched: the error in the first follower's loss is larger than the choice's effect on the followers, or "
+        "Hatched: the error in the followers' loss is larger than the choice's effect on it, or "
         "not known: what is saved there cannot be seen.",
     )
     figure = html.inline_svg(start_figure(tiles), f"{what} The table holds the totals.")

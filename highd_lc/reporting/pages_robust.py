@@ -30,8 +30,8 @@ def quoted(rows: pd.DataFrame, *columns: str) -> pd.DataFrame:
 def hidden_words(tiles: pd.DataFrame) -> str:
     """In how many tiles the gain can be seen at all. tiles: of one form and accounting."""
     return (
-        f"In {int(visible(tiles).sum())} of {len(tiles)} tiles the error in the first follower's loss is no "
-        "larger than the policy's effect on the followers. Elsewhere it is larger, or not known: those tiles are "
+        f"In {int(visible(tiles).sum())} of {len(tiles)} tiles the error in the followers' loss is no "
+        "larger than the policy's effect on it. Elsewhere it is larger, or not known: those tiles are "
         "hatched, and no gain is quoted for them."
     )
 

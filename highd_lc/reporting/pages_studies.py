@@ -330,7 +330,7 @@ def _worse_section(worse: pd.DataFrame) -> Section:
     clear = int(visible(worse).sum())
     text = (
         f"{worse['event_id'].nunique()} events have somebody who loses by the local optimum under some form and "
-        f"accounting ({len(worse)} cases). In {clear} of the cases the increase is larger than "
-        f"the error in the first follower's loss. The {len(rows)} largest increases:",
+        f"accounting ({len(worse)} cases). In {clear} of the cases the policy changes the "
+        f"followers' loss by no less than the error in it. The {len(rows)} largest increases:",
     )
     return Section("Worse for somebody", text, tables=(table_view(rows, columns),), anchor="worse")

@@ -161,7 +161,7 @@ def _frame(name: str, rows: list[Row]) -> pd.DataFrame:
 
 
 def _pairs(losses: PolicyLosses) -> Iterator[tuple[Row, pd.DataFrame]]:
-    """Each form and accounting with the losses of its two policies, one row an event."""
+    """Each form and accounting with the losses of its two policies, error and effect, one row an event."""
     for form, (benchmark, local) in PAIRS.items():
         for accounting in names.ACCOUNTINGS:
             pair = losses.pair(accounting, local, benchmark)
@@ -169,7 +169,8 @@ def _pairs(losses: PolicyLosses) -> Iterator[tuple[Row, pd.DataFrame]]:
                 columns = {f"{side}_{k}": pair[f"loss_{side}_{k}"] for side in _SIDES for k in (1, 0)}
                 each = {f"each_{k}": pair[f"loss_hv_each_{k}"] for k in (1, 0)}
                 about = {"recording_id": pair["recording_id_1"], "contact": pair["contact"]}
-                yield {"form": form, "accounting": accounting}, pd.DataFrame(about | columns | each)
+                table = pd.DataFrame(about | columns | each).join(losses.in_view(accounting, local, benchmark))
+                yield {"form": form, "accounting": accounting}, table
 
 
 def cross_scores(
@@ -226,7 +227,7 @@ def gain_map(
         for edges, inside in tiles(events.loc[pair.index]):
             row = about | edges | {"share_events": len(inside) / len(pair)}
             of_tile = pair.iloc[inside]
-            row |= seen(of_tile["hv_1"] - of_tile["hv_0"], losses.error)
+            row |= seen(of_tile)
             rows.append(row | gain_columns(of_tile, statistics, seed=seed))
     return _frame("gain_map", rows)
 
@@ -286,8 +287,8 @@ def worse_for_somebody(losses: PolicyLosses, statistics: StatisticsSettings) -> 
                         "loss_local": local,
                         "increase": local / benchmark - 1.0,
                     }
-                    error = float(losses.error.get(event.Index, np.nan))
-                    of_party |= {"error": error, "error_over_effect": error / (local - benchmark)}
+                    error, effect = abs(event.error), abs(event.effect)
+                    of_party |= {"error": error, "error_over_effect": error / effect if effect else np.nan}
                     rows.append(about | of_event | of_party)
     return _frame("worse_for_somebody", rows)
 
@@ -345,10 +346,10 @@ def start_map(events: pd.DataFrame, plans: pd.DataFrame, losses: PolicyLosses) -
             if pair.empty:
                 continue
             about = {"policy": policy, "accounting": accounting}
-            rows.append(about | _tile(pair, losses.error))
+            rows.append(about | _tile(pair))
             for edges, inside in tiles(events.loc[pair.index]):
                 share = {"share_events": len(inside) / len(pair)}
-                rows.append(about | edges | _tile(pair.iloc[inside], losses.error) | share)
+                rows.append(about | edges | _tile(pair.iloc[inside]) | share)
     return pd.DataFrame(rows, columns=list(TABLES["start_map"].column_names))
 
 
@@ -359,10 +360,11 @@ def _pair(plans: pd.DataFrame, losses: PolicyLosses, policy: str, contained: str
     pair = pair.join(without.set_index("event_id")[["objective"]].add_suffix("_0"), how="inner")
     for suffix, name in (("", policy), ("_0", contained)):
         pair = pair.join(losses.of(accounting, name)[list(_LOSSES)].add_suffix(suffix), how="inner")
+    pair = pair.join(losses.in_view(accounting, policy, contained))
     return pair.dropna(subset=["objective", "objective_0"])
 
 
-def _tile(pair: pd.DataFrame, error: pd.Series) -> dict[str, Any]:
+def _tile(pair: pd.DataFrame) -> dict[str, Any]:
     waiting = pair["delay_s"] > 0.0
     row = {
         "share_events": 1.0,
@@ -374,4 +376,4 @@ def _tile(pair: pd.DataFrame, error: pd.Series) -> dict[str, Any]:
     for name in ("objective", *_LOSSES):
         ratio = pair[name].sum() / pair[f"{name}_0"].sum()
         row[f"saved_{name.removeprefix('loss_')}"] = float(1.0 - ratio)
-    return row | seen(pair["loss_hv"] - pair["loss_hv_0"], error)
+    return row | seen(pair)

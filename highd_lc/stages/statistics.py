@@ -9,6 +9,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from highd_lc.io import artefacts
+from highd_lc.reporting.follower_words import error_and_effect
 from highd_lc.scoring.population import Bootstrap, hodges_lehmann, mean_interval, ratio_interval, shares
 from highd_lc.vocab import names
 from highd_lc.vocab.policy import PAIRS, ROBUST_PAIRS
@@ -120,11 +121,10 @@ def _range(low: float, high: float) -> str:
 class PolicyLosses:
     """The losses of a population, split by accounting and policy once.
 
-    losses: the artefact, of one follower model; error: how much that model misses HV_1's loss (``loss_errors``).
+    losses: the artefact, of one follower model.
     """
 
-    def __init__(self, losses: pd.DataFrame, error: pd.Series | None = None) -> None:
-        self.error = pd.Series(dtype=float) if error is None else error
+    def __init__(self, losses: pd.DataFrame) -> None:
         self._columns = losses.columns.drop("event_id")
         self._of = {
             (str(accounting), str(policy)): rows.set_index("event_id")
@@ -147,31 +147,20 @@ class PolicyLosses:
         pair = one.add_suffix("_1").join(other.add_suffix("_0"), how="inner")
         return pair.assign(contact=pair["contact_1"].ne("") | pair["contact_0"].ne(""))
 
-
-_JUDGED_S = 8.0
-"""Time over which the error in HV_1's loss is taken [s]."""
-
-
-def loss_errors(prediction: pd.DataFrame, model: str) -> pd.Series:
-    """By event, how much a follower model misses HV_1's loss over 8 s behind the recorded ego, where that is seen.
-
-    prediction: the artefact. Events with a contact in it have none.
-    """
-    rows = prediction[(prediction["model"] == model) & (prediction["follower"] == 1) & ~prediction["contact"]]
-    rows = rows[np.isclose(rows["horizon_s"], _JUDGED_S)].set_index("event_id")
-    return (rows["loss_simulated"] - rows["loss_recorded"]).abs().dropna()
+    def in_view(self, accounting: str, policy: str, against: str) -> pd.DataFrame:
+        """By event the model's error and the policies' effect in the same loss (``error_and_effect``)."""
+        human, one, other = (self.of(accounting, name) for name in (names.HUMAN, policy, against))
+        return error_and_effect(human, one, other)
 
 
-def seen(change: pd.Series, error: pd.Series) -> dict[str, float]:
+def seen(events: pd.DataFrame) -> dict[str, float]:
     """What tells whether a gain may be quoted: mean absolute effect and error, and their ratio.
 
-    change: of the followers' loss by the policy, by event; error: see ``loss_errors``. Unknown is NaN; so is the
-    ratio to no effect.
+    events: columns error and effect of ``PolicyLosses.in_view``; both means are over the events that have both.
+    Unknown is NaN; so is the ratio to no effect.
     """
-    effect = float(change.abs().mean()) if change.notna().any() else np.nan
-    known = error.reindex(change.index).dropna()
-    missed = float(known.mean()) if len(known) else np.nan
-    return {"effect": effect, "error": missed, "error_over_effect": missed / effect if effect > 0.0 else np.nan}
+    error, effect = events[["error", "effect"]].astype(float).dropna().abs().mean()
+    return {"effect": effect, "error": error, "error_over_effect": error / effect if effect > 0.0 else np.nan}
 
 
 def validation_matrix(

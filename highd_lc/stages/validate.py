@@ -42,7 +42,6 @@ from highd_lc.stages.scenes import (
 )
 from highd_lc.stages.statistics import (
     PolicyLosses,
-    loss_errors,
     situations,
     summarise_losses,
     validation_matrix,
@@ -403,10 +402,7 @@ def _population(combination: Combination, events: pd.DataFrame) -> Iterator[tupl
     work, settings, seed = combination.work, combination.settings.validation.statistics, combination.settings.seed
     models = combination.settings.validation.follower_models
     losses = artefacts.read(work, "losses")
-    missed = artefacts.read(work, "prediction")
-    of_model = {
-        model: PolicyLosses(losses[losses["followers"] == model], loss_errors(missed, model)) for model in models
-    }
+    of_model = {model: PolicyLosses(losses[losses["followers"] == model]) for model in models}
     each = partial(_of_each_model, of_model)
     profile = combination.settings.validation.safety.profile
     matrix = each(lambda one: validation_matrix(events, one, settings=settings, seed=seed))

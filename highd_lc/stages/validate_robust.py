@@ -218,9 +218,8 @@ def situation_ranking(events: pd.DataFrame, gains: pd.DataFrame, losses: PolicyL
     parts = []
     for (form, policy), own in primary.groupby(["form", "policy"]):
         benchmark = _POLICIES[str(form)][0]
-        pair = losses.pair(names.PRIMARY_ACCOUNTING, str(policy), benchmark)
-        own = own.set_index("event_id").join(pair[["loss_hv_1", "loss_hv_0"]])
-        rows = [edges | _situation(own.iloc[inside], losses) for edges, inside in tiles(events.loc[own.index])]
+        own = own.set_index("event_id").join(losses.in_view(names.PRIMARY_ACCOUNTING, str(policy), benchmark))
+        rows = [edges | _situation(own.iloc[inside]) for edges, inside in tiles(events.loc[own.index])]
         frame = pd.DataFrame(rows).assign(form=str(form), policy=str(policy))
         for measure in ("expected", "worst"):
             place = frame[f"gain_{measure}"].rank(ascending=False, method="first")
@@ -230,7 +229,7 @@ def situation_ranking(events: pd.DataFrame, gains: pd.DataFrame, losses: PolicyL
     return pd.concat(parts, ignore_index=True)[columns] if parts else pd.DataFrame(columns=columns, dtype=object)
 
 
-def _situation(own: pd.DataFrame, losses: PolicyLosses) -> Row:
+def _situation(own: pd.DataFrame) -> Row:
     means = {name: float(own[name].mean()) for name in ("gain_expected", "gain_worst")}
     about = {"n_events": len(own), "share_positive": float((own["gain_worst"] > 0.0).mean())}
-    return about | means | seen(own["loss_hv_1"] - own["loss_hv_0"], losses.error)
+    return about | means | seen(own)

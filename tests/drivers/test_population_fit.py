@@ -133,7 +133,7 @@ def test_drivers_drawn_with_the_spread_differ_as_much_as_the_recorded_ones() -> 
     b = population.behaviours(TRUE.constants, responses, TRUE.moment)
 
     def differ(sd: float) -> tuple[float, float]:
-        """Mean square deviation of speed from the population's every 2 s, of the recorded drivers and of drawn ones."""
+        """Mean square deviation of speed from the population's every 2 s: of recorded drivers, of drawn ones."""
         rng = np.random.default_rng(3)
         own = b._replace(tau=np.maximum(b.tau + sd * rng.normal(size=240), 0.3))
         found = simulate(names.LCM, own, responses)

@@ -24,7 +24,10 @@ INFEASIBLE = IDS[7]
 
 
 def made_losses() -> pd.DataFrame:
-    """20 events of 4 recordings; local: AV +1, followers -2 of 10 each; one event infeasible, one bad for HV 2."""
+    """20 events of 4 recordings; local: AV +1, followers -2 of 10 each; one event infeasible, one bad for HV 2.
+
+    The human's followers are missed by 0.5.
+    """
     rows = []
     for event in IDS:
         for accounting in names.ACCOUNTINGS:
@@ -35,7 +38,8 @@ def made_losses() -> pd.DataFrame:
                     each = [4.0, 5.0]
                 if event == INFEASIBLE:
                     av, hv, each = np.nan, np.nan, None
-                rows.append((event, int(event[:2]), policy, accounting, av, hv, av + hv, each))
+                rows.append((event, int(event[:2]), policy, accounting, av, hv, av + hv, each, hv, np.nan))
+            rows.append((event, int(event[:2]), names.HUMAN, accounting, 9.0, 9.0, 18.0, [9.0, 9.0], 9.0, 8.5))
     columns = [
         "event_id",
         "recording_id",
@@ -45,6 +49,8 @@ def made_losses() -> pd.DataFrame:
         "loss_hv",
         "loss_total",
         "loss_hv_each",
+        "loss_hv_in_view",
+        "loss_hv_in_view_recorded",
     ]
     return pd.DataFrame(rows, columns=columns).assign(contact="")
 
@@ -65,6 +71,7 @@ def test_gain_map_counts_every_event_once_and_knows_its_density():
         assert of_cell["infeasible"].sum() == 1
     solved = tiles[tiles["total_benchmark"] > 0]
     assert solved["gain"].to_numpy() == pytest.approx(1 - 19 / 20)
+    assert solved["error_over_effect"].to_numpy() == pytest.approx(0.25)
     open_end = tiles[tiles["spacing_high_m"].isna()]
     assert (open_end["spacing_low_m"] == 120).all()
     assert (tiles["closing_low_mps"].isin([-2.0, 6.0])).all()
@@ -98,6 +105,8 @@ def test_worse_for_somebody_lists_the_follower_who_pays_and_nobody_else():
     assert set(worse["event_id"]) == {IDS[3]}
     assert set(worse["who"]) == {names.target_follower(2)}
     assert worse["increase"].to_numpy() == pytest.approx(0.25)
+    assert worse["error"].to_numpy() == pytest.approx(0.5)
+    assert worse["error_over_effect"].to_numpy() == pytest.approx(0.5 / 2.0)
     assert len(worse) == len(names.ACCOUNTINGS)
 
 
@@ -113,7 +122,7 @@ MODELS = ("own_fit", "table3")
 
 def made_cross() -> pd.DataFrame:
     """Plans of one model, scored with it, with another model, and with both second opinions."""
-    rows = made_losses()[["event_id", "recording_id", "policy", "accounting"]].copy()
+    rows = made_losses().query("policy != 'human'")[["event_id", "recording_id", "policy", "accounting"]].copy()
     local = rows["policy"] == names.LOCAL_OPTIMUM
     rows["av_to_T"], rows["av_to_H"] = 6.0 + local, 10.0 + local
     rows["contacts_to_T"] = rows["contacts_to_H"] = 0

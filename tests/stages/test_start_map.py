@@ -19,6 +19,7 @@ def tables():
     for policy, delays, totals in (
         (names.BENCHMARK, [0.0, 0.0, 0.0], [10.0, 20.0, 30.0]),
         (names.BENCHMARK_START, [0.0, 1.0, 3.0], [10.0, 18.0, 24.0]),
+        (names.HUMAN, [0.0, 0.0, 0.0], [11.0, 21.0, 31.0]),
     ):
         for event, delay, total in zip(IDS, delays, totals, strict=True):
             gap = names.RECORDED_GAP if delay < 2.0 else names.gap_behind(1)
@@ -27,6 +28,8 @@ def tables():
                     "event_id": event, "recording_id": int(event[:2]), "policy": policy,
                     "accounting": names.EQUAL, "delay_s": delay, "gap": gap, "objective": total / 2,
                     "loss_av": total / 2, "loss_hv": total / 2, "loss_total": total,
+                    "loss_hv_in_view": total / 2,
+                    "loss_hv_in_view_recorded": total / 2 - 1.0 if policy == names.HUMAN else np.nan,
                 }
             )  # fmt: skip
     return pd.DataFrame(rows)
@@ -41,6 +44,8 @@ def test_tiles_and_totals():
     assert whole["share_other_gap"] == pytest.approx(1 / 3)
     assert whole["mean_delay_s"] == pytest.approx(4 / 3)
     assert whole["saved_total"] == pytest.approx(1 - 52 / 60)
+    assert (whole["error"], whole["effect"]) == (1.0, pytest.approx(4 / 3))
+    assert whole["error_over_effect"] == pytest.approx(3 / 4)
     tiles = found[found["spacing_low_m"].notna()]
     assert tiles["n_events"].tolist() == [1, 2]
     assert tiles["share_events"].sum() == pytest.approx(1.0)

@@ -5,7 +5,7 @@ import pandas as pd
 import pytest
 
 from highd_lc.io import artefacts
-from highd_lc.stages.statistics import PolicyLosses, loss_errors, seen
+from highd_lc.stages.statistics import PolicyLosses, seen
 from highd_lc.stages.validate_robust import event_gains, judges_among, robust_summary, situation_ranking
 from highd_lc.vocab import names
 from highd_lc.vocab.job import Provenance
@@ -91,14 +91,18 @@ def test_situations_are_ranked_by_the_worst_model_and_tell_what_can_be_seen():
                 "accounting": names.EQUAL,
                 "policy": p,
                 "contact": "",
-                "loss_hv": hv,
+                "loss_hv_in_view": hv,
+                "loss_hv_in_view_recorded": 8.75 if p == names.HUMAN and e in ids[::2] else np.nan,
             }
             for e in ids
-            for p, hv in zip((*names.FIXED_POLICIES, names.LOCAL_OPTIMUM_ROBUST), (10.0, 9.5, 9.8), strict=True)
+            for p, hv in zip(
+                (names.HUMAN, *names.FIXED_POLICIES, names.LOCAL_OPTIMUM_ROBUST),
+                (9.0, 10.0, 9.5, 9.8),
+                strict=True,
+            )
         ]
     )
-    error = pd.Series(0.25, ids[::2])
-    found = situation_ranking(events, gains, PolicyLosses(losses, error))
+    found = situation_ranking(events, gains, PolicyLosses(losses))
     robust = found[found["policy"] == names.LOCAL_OPTIMUM_ROBUST]
     assert robust["gain_worst"].is_monotonic_decreasing
     assert robust["rank_worst"].tolist() == [1, 2]
@@ -129,17 +133,11 @@ def test_models_of_positive_skill_are_those_that_beat_the_best_naive_one_at_both
 
 
 def test_error_and_effect_of_nothing_are_unknown():
-    assert np.isnan(seen(pd.Series([0.0, 0.0], ["a", "b"]), pd.Series({"a": 1.0}))["error_over_effect"])
-    assert seen(pd.Series([2.0, -2.0], ["a", "b"]), pd.Series({"a": 1.0}))["error_over_effect"] == 0.5
+    events = pd.DataFrame({"error": [1.0, np.nan], "effect": [0.0, 7.0]})
+    assert np.isnan(seen(events)["error_over_effect"])
+    assert np.isnan(seen(events.iloc[1:])["error"])
 
 
-def test_the_error_is_that_of_the_first_follower_over_eight_seconds_without_contact():
-    rows = [
-        ("a", 1, 8.0, False, 3.0),
-        ("a", 2, 8.0, False, 9.0),
-        ("a", 1, 5.0, False, 9.0),
-        ("b", 1, 8.0, True, 9.0),
-    ]
-    columns = ["event_id", "follower", "horizon_s", "contact", "loss_simulated"]
-    table = pd.DataFrame(rows, columns=columns).assign(model="idm", loss_recorded=1.0)
-    assert loss_errors(table, "idm").to_dict() == {"a": 2.0}
+def test_error_and_effect_are_means_over_the_events_that_have_both():
+    events = pd.DataFrame({"error": [1.0, -3.0, 5.0], "effect": [4.0, -4.0, np.nan]})
+    assert seen(events) == {"effect": 4.0, "error": 2.0, "error_over_effect": 0.5}

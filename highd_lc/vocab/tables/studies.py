@@ -51,10 +51,8 @@ TILE = (
 )
 
 SEEN = (
-    number("effect", "mean absolute change of the followers' loss by the policy", minimum=0),
-    number(
-        "error", "mean absolute error in HV_1's loss over 8 s behind the recorded ego; null out of view", minimum=0
-    ),
+    number("effect", "mean absolute change of loss_hv_in_view by the policy; null out of view", minimum=0),
+    number("error", "mean absolute error of the model in loss_hv_in_view, over the same events", minimum=0),
     number("error_over_effect", "error / effect: above 1 the gain cannot be seen; null: not known, or no effect"),
 )
 
@@ -151,8 +149,8 @@ WORSE_FOR_SOMEBODY = Table(
         number("loss_benchmark", "their loss under the benchmark, unweighted for one follower", minimum=0),
         number("loss_local", "their loss under the local optimum", minimum=0),
         number("increase", "loss_local / loss_benchmark - 1", minimum=0),
-        number("error", "absolute error in HV_1's loss over 8 s in this event; null out of view", minimum=0),
-        number("error_over_effect", "error over the increase of the loss: above 1 it cannot be seen", minimum=0),
+        number("error", "absolute error of the model in loss_hv_in_view; null out of view", minimum=0),
+        number("error_over_effect", "error over the change of loss_hv_in_view: above 1 unseen", minimum=0),
     ),
 )
 
