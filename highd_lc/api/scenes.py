@@ -20,6 +20,7 @@ from highd_lc.planning.robust import RobustProblem, plan_one_robust
 from highd_lc.planning.scene import Followers, Motion
 from highd_lc.planning.start_planner import plan_start
 from highd_lc.planning.starts import Key, StartProblem, pose_starts
+from highd_lc.scoring.charges import Scores
 from highd_lc.stages.responses import Traffic, response_rows, responses_of
 from highd_lc.stages.scenes import (
     TIME_STEP,
@@ -28,7 +29,6 @@ from highd_lc.stages.scenes import (
     read_scene_tables,
     scene_makers,
 )
-from highd_lc.stages.validate import Scores
 from highd_lc.tracking.plan_tracking import PlanTracker
 from highd_lc.vocab import names
 from highd_lc.vocab.driver import PARAMETERS, TABLE3_MEANS

@@ -5,7 +5,7 @@ every accounting: the value at index k is the loss charged over 0 .. t_k.
 """
 
 from dataclasses import dataclass
-from typing import Generic, TypeVar
+from typing import Generic, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -114,3 +114,18 @@ def joint_objective(loss_av: FloatArray, loss_hv: FloatArray, omega_av: float) -
         The objective, the same shape.
     """
     return omega_av * loss_av + (1.0 - omega_av) * loss_hv
+
+
+class LossTerms(NamedTuple):
+    """What a speed is compared with and how losses are scaled and added.
+
+    av_ref [m/s]; hv_ref (p,) [m/s]; one_sided: charge only speeds below the reference; comfort, efficiency:
+    0.5 / N_c and 0.5 / N_e; weights (p,): of the followers' losses.
+    """
+
+    av_ref: float
+    hv_ref: FloatArray
+    one_sided: bool
+    comfort: float
+    efficiency: float
+    weights: FloatArray

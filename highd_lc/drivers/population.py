@@ -265,7 +265,7 @@ def _share_left(left: float, noise: float, explained: float, samples: int) -> fl
     """
     if not explained > 0.0:
         return 1.0
-    return max(left - noise, noise * np.sqrt(2.0 / samples)) / explained
+    return float(max(left - noise, noise * np.sqrt(2.0 / samples)) / explained)
 
 
 def _chosen_options(problem: _Descent, constants: FloatArray, options: list[str]) -> NDArray[np.bool_]:

@@ -8,13 +8,10 @@ is a vehicle that keeps its lane and its leader from half a second before its st
 to a follower by class, carriageway and lane, and by speed, acceleration, spacing and closing speed within
 calipers; the nearest few count (equations.md 3.13).
 
-Cross-fitting: the constants for a recording's followers come from other recordings (equations.md 3.12). Where
-locations can be left out as well, a fold is a location; else a recording, or a few of them. With fewer than
-``LEAST_RECORDINGS`` recordings a fold is a block of time of one recording, and responses within a minute of it
-teach it nothing. A driver's own response is never among those that his constants come from.
+Cross-fitting: the constants for a recording's followers come from other recordings, by folds
+(``responses.folds``, equations.md 3.12). A driver's own response is never among those behind his constants.
 """
 
-from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from itertools import pairwise
@@ -25,7 +22,7 @@ from numpy.typing import NDArray
 
 from highd_lc.drivers import models, population
 from highd_lc.drivers.population import Population
-from highd_lc.drivers.responses import HARDEST, TIME_STEP, Behaviours, Responses, Simulated
+from highd_lc.drivers.responses import HARDEST, TIME_STEP, Behaviours, Fold, Responses, Simulated, folds
 from highd_lc.vocab import names
 from highd_lc.vocab.driver import PARAMETERS
 from highd_lc.vocab.follower_names import parse
@@ -267,58 +264,8 @@ def match(group: int, covariates: FloatArray, own: IntArray, candidates: Starts)
     return nearest[np.sort(earliest)][:MOST]
 
 
-LEAST_RECORDINGS: Final = 4
-"""With fewer recordings, blocks of time are left out."""
-BLOCK: Final = 300.0
-"""Length of a block of time [s]."""
-GAP: Final = 60.0
-"""Time around a block in which responses are left out as well [s]."""
-MOST_FOLDS: Final = 10
-"""Most folds over recordings: more of them share one."""
 _LEAST_SAMPLES = 10  # a response that is seen for less than a second teaches nothing
-_LEAST_TRAINING = 200  # responses that have to remain where locations are left out
 _MOST_RESPONSES = 800  # a fit takes every k-th response, so that it takes at most this many
-
-
-@dataclass(frozen=True)
-class Fold:
-    """Responses that share constants (``held``) and those that teach them (``taught``), each of shape (R,)."""
-
-    word: str
-    held: BoolArray
-    taught: BoolArray
-
-
-def folds(responses: Responses) -> list[Fold]:
-    """The folds of the responses: every one is held in exactly one of them."""
-    recordings, locations = np.unique(responses.recording), np.unique(responses.location)
-    if len(recordings) < LEAST_RECORDINGS:
-        return list(_blocks(responses))
-    if len(locations) > 1:
-        by_location = [_of(f"location {place} left out", responses.location == place) for place in locations]
-        if min(int(fold.taught.sum()) for fold in by_location) >= _LEAST_TRAINING:
-            return by_location
-    groups = np.array_split(recordings, min(len(recordings), MOST_FOLDS))
-    return [_of(_without(group), np.isin(responses.recording, group)) for group in groups if len(group)]
-
-
-def _of(word: str, held: BoolArray) -> Fold:
-    return Fold(word, held, ~held)
-
-
-def _without(group: IntArray) -> str:
-    return "recordings " + ", ".join(f"{number:02d}" for number in group) + " left out"
-
-
-def _blocks(responses: Responses) -> Iterator[Fold]:
-    for recording in np.unique(responses.recording):
-        own = responses.recording == recording
-        block = np.floor(responses.time / BLOCK).astype(np.int64)
-        for number in np.unique(block[own]):
-            held = own & (block == number)
-            near = own & (responses.time > number * BLOCK - GAP) & (responses.time < (number + 1) * BLOCK + GAP)
-            word = f"recording {recording:02d}, {number * BLOCK:g} to {(number + 1) * BLOCK:g} s left out"
-            yield Fold(word, held, ~near)
 
 
 @dataclass

@@ -8,8 +8,13 @@ and no weaker than the situation demands, once the deceleration required to avoi
 command is 0 (``none``: nothing happens), the LCM's, the IDM's, or a function of somebody's own. memory 0,
 relaxation 0, drift 0 and an infinite ``need`` leave the bare model. t counts from t_start, K samples of 0.1 s; R
 responses lie side by side.
+
+Folds of cross-fitting: where locations can be left out as well, a fold is a location; else a recording, or a few
+of them. With fewer than ``LEAST_RECORDINGS`` recordings a fold is a block of time of one recording, and responses
+within a minute of it teach it nothing.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass, fields
 from typing import Final, NamedTuple
 
@@ -173,3 +178,63 @@ def _simulate(
             out.x[k, r], out.v[k, r], out.a[k, r] = x[r], v[r], a
             x[r], v[r] = advance(x[r], v[r], a, 0.1)
             m[r] *= kept[r]
+
+
+LEAST_RECORDINGS: Final = 4
+"""With fewer recordings, blocks of time are left out."""
+
+
+BLOCK: Final = 300.0
+"""Length of a block of time [s]."""
+
+
+GAP: Final = 60.0
+"""Time around a block in which responses are left out as well [s]."""
+
+
+MOST_FOLDS: Final = 10
+"""Most folds over recordings: more of them share one."""
+
+
+_LEAST_TRAINING = 200  # responses that have to remain where locations are left out
+
+
+@dataclass(frozen=True)
+class Fold:
+    """Responses that share constants (``held``) and those that teach them (``taught``), each of shape (R,)."""
+
+    word: str
+    held: BoolArray
+    taught: BoolArray
+
+
+def folds(responses: Responses) -> list[Fold]:
+    """The folds of the responses: every one is held in exactly one of them."""
+    recordings, locations = np.unique(responses.recording), np.unique(responses.location)
+    if len(recordings) < LEAST_RECORDINGS:
+        return list(_blocks(responses))
+    if len(locations) > 1:
+        by_location = [_of(f"location {place} left out", responses.location == place) for place in locations]
+        if min(int(fold.taught.sum()) for fold in by_location) >= _LEAST_TRAINING:
+            return by_location
+    groups = np.array_split(recordings, min(len(recordings), MOST_FOLDS))
+    return [_of(_without(group), np.isin(responses.recording, group)) for group in groups if len(group)]
+
+
+def _of(word: str, held: BoolArray) -> Fold:
+    return Fold(word, held, ~held)
+
+
+def _without(group: IntArray) -> str:
+    return "recordings " + ", ".join(f"{number:02d}" for number in group) + " left out"
+
+
+def _blocks(responses: Responses) -> Iterator[Fold]:
+    for recording in np.unique(responses.recording):
+        own = responses.recording == recording
+        block = np.floor(responses.time / BLOCK).astype(np.int64)
+        for number in np.unique(block[own]):
+            held = own & (block == number)
+            near = own & (responses.time > number * BLOCK - GAP) & (responses.time < (number + 1) * BLOCK + GAP)
+            word = f"recording {recording:02d}, {number * BLOCK:g} to {(number + 1) * BLOCK:g} s left out"
+            yield Fold(word, held, ~near)

@@ -27,6 +27,7 @@ from highd_lc.core.drive import (
     remembered,
 )
 from highd_lc.core.kernels import UNALIASED
+from highd_lc.core.losses import LossTerms
 from highd_lc.core.quintic import first_past, q_rate, q_shape, q_third, z_rate, z_shape, z_third
 from highd_lc.planning.contacts import (
     CHANGE,
@@ -44,6 +45,7 @@ from highd_lc.planning.contacts import (
     WIDTH,
     drive_through,
     lateral_motion,
+    meet_ahead,
     meet_follower,
     meet_leaders,
     meet_origin_follower,
@@ -51,25 +53,10 @@ from highd_lc.planning.contacts import (
 from highd_lc.planning.crowd import Crowd, own_crowd, together, with_drivers
 from highd_lc.planning.safety import keep_ahead, keep_behind, starts_critically
 from highd_lc.planning.scene import FAMILY, MOMENT, PackedScene, Scene
-from highd_lc.vocab.settings import LossSettings
+from highd_lc.vocab.sections import LossSettings
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
-
-
-class LossTerms(NamedTuple):
-    """What a speed is compared with and how losses are scaled and added.
-
-    av_ref [m/s]; hv_ref (p,) [m/s]; one_sided: charge only speeds below the reference; comfort, efficiency:
-    0.5 / N_c and 0.5 / N_e; weights (p,): of the followers' losses.
-    """
-
-    av_ref: float
-    hv_ref: FloatArray
-    one_sided: bool
-    comfort: float
-    efficiency: float
-    weights: FloatArray
 
 
 class Outcomes(NamedTuple):
@@ -190,7 +177,7 @@ def evaluate_into(
                         who = (1 if i else 2) * roles + leaders + i
                         length = scene.follower_length[i - 1] if i else scene.length
                         since, asked = (0, False) if i else (n[row] // 2, insertion > n[row] // 2)
-                        _meet_ahead(who, since, asked, length, state, ahead if i else av_front, own, contact, role)
+                        meet_ahead(who, since, asked, length, state, ahead if i else av_front, own, contact, role)
                     if asks and behind_leader and i == 0:
                         drive_through(0, n[row] // 2, roles + leaders, rear, state, own, contact, role)
                     if asks:
@@ -405,28 +392,3 @@ def _drive_follower(
         _drive_by_function(i, n, insertion, state, scene, terms, ahead, speed, own)
     else:
         _drive_uncommanded(i, n, insertion, state, scene, terms, ahead, speed, own)
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def _meet_ahead(
-    who: int,
-    first: int,
-    asked: bool,
-    length: float,
-    state: FloatArray,
-    ahead: FloatArray,
-    own: FloatArray,
-    contact: IntArray,
-    role: IntArray,
-) -> None:
-    """Contacts of a follower, from sample ``first`` on, with a vehicle ahead of that length [m].
-
-    asked: whether to look even where the follower came near to nobody whom it follows.
-    """
-    for w in range(WIDTH):
-        if not (asked or state[NEAREST * WIDTH + w] < length):
-            continue
-        for k in range(first, min(contact[w], len(own) // WIDTH)):
-            if ahead[k * WIDTH + w] - own[k * WIDTH + w] < length:
-                contact[w], role[w] = k, who
-                break

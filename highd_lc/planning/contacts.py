@@ -314,3 +314,28 @@ def meet_origin_follower(
         contact,
         role,
     )
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def meet_ahead(
+    who: int,
+    first: int,
+    asked: bool,
+    length: float,
+    state: FloatArray,
+    ahead: FloatArray,
+    own: FloatArray,
+    contact: IntArray,
+    role: IntArray,
+) -> None:
+    """Contacts of a follower, from sample ``first`` on, with a vehicle ahead of that length [m].
+
+    asked: whether to look even where the follower came near to nobody whom it follows.
+    """
+    for w in range(WIDTH):
+        if not (asked or state[NEAREST * WIDTH + w] < length):
+            continue
+        for k in range(first, min(contact[w], len(own) // WIDTH)):
+            if ahead[k * WIDTH + w] - own[k * WIDTH + w] < length:
+                contact[w], role[w] = k, who
+                break

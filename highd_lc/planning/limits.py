@@ -25,7 +25,8 @@ from highd_lc.core.quintic import (
 from highd_lc.planning.replay import Replay, origin_follower_motion
 from highd_lc.planning.scene import Motion, PackedScene
 from highd_lc.vocab import names
-from highd_lc.vocab.settings import ConstraintSettings, ValidateSettings
+from highd_lc.vocab.sections import ConstraintSettings
+from highd_lc.vocab.settings import ValidateSettings
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -165,6 +166,11 @@ def margins(plan: Quintic, limit: Limits) -> dict[str, float]:
         return found
     curvature, yaw_rate = turns(alpha, beta, plan.v0, plan.D, T)
     return found | {"curvature": limit.curvature - curvature, "yaw_rate": limit.yaw_rate - yaw_rate}
+
+
+def unchanged_margins(v0: float, D: float, *, T: float, limit: Limits) -> dict[str, float]:
+    """Margins of a lane change of T [s] that keeps the speed v0 [m/s]. D: across [m]."""
+    return margins(Quintic(v0=v0, D=D, T=T, x_final=v0 * T, v_end=v0), limit)
 
 
 def forward_interval(T: FloatArray, change: FloatArray, v0: float, limit: Limits) -> tuple[FloatArray, FloatArray]:

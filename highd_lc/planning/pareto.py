@@ -32,8 +32,7 @@ from highd_lc.vocab.policy import PAIRS
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
-# The hypervolume's reference point over the worst losses of either method.
-_BEYOND = 1.1
+_BEYOND = 1.1  # the hypervolume's reference point over the worst losses of either method
 
 
 @dataclass(frozen=True)

@@ -8,15 +8,18 @@ from typing import TYPE_CHECKING, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from highd_lc.core.losses import LossTerms
 from highd_lc.core.quintic import Quintic
 from highd_lc.planning import limits
-from highd_lc.planning.candidates import LossTerms, loss_terms
+from highd_lc.planning.candidates import loss_terms
 from highd_lc.planning.limits import first_contact
 from highd_lc.planning.pool import Goal, Pool, Task
 from highd_lc.planning.replay import (
+    CONSTANT_T,
     AvMotion,
     Replay,
     clearances,
+    constant_samples,
     drive_on,
     follow,
     free_motion,
@@ -38,8 +41,6 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 Made = TypeVar("Made")
 
-CONSTANT_T = 5.5
-"""Duration of the reference that changes lane at constant speed [s] (equations.md 6)."""
 
 FORM_OF = {q: p.form for q, p in POLICIES.items() if p.searched and not p.chooses_start and not p.robust}
 """Form of each searched policy that starts at t_start and takes its followers as known."""
@@ -302,11 +303,6 @@ def own_duration(problem: PlanningProblem, policy: str) -> float:
     return float((len(human.x) - 1 if human.end is None else human.end) * problem.packed.dt)
 
 
-def constant_samples(packed: PackedScene) -> int:
-    """Samples of ``CONSTANT_T``, at most those of H."""
-    return min(round(CONSTANT_T / packed.dt), len(packed.target_v) - 1)
-
-
 def start_clearances(problem: PlanningProblem) -> dict[str, float]:
     """Clearance to each role at t_start [m]."""
     packed = problem.packed
@@ -387,7 +383,8 @@ def closest_margins(problem: PlanningProblem, pool: Pool, accounting: str) -> di
     """For an infeasible event: the largest margin of each constraint that any candidate of a sample reaches."""
     moving = np.flatnonzero(pool.within_limits)
     if not len(moving):
-        return _closest_dynamics(problem)
+        scene, longest = problem.scene, problem.settings.search.T_max
+        return limits.unchanged_margins(scene.v0, scene.lateral_shift, T=longest, limit=problem.limit)
     sample = moving[np.unique(np.linspace(0, len(moving) - 1, 100).astype(int))]
     closest: dict[str, float] = {}
     for i in sample:
@@ -399,9 +396,3 @@ def closest_margins(problem: PlanningProblem, pool: Pool, accounting: str) -> di
         for name, margin in keeping(plan, problem.packed).margins.items():
             closest[name] = max(margin, closest.get(name, -np.inf))
     return closest
-
-
-def _closest_dynamics(problem: PlanningProblem) -> dict[str, float]:
-    v0, D = problem.scene.v0, problem.scene.lateral_shift
-    longest = problem.settings.search.T_max
-    return limits.margins(Quintic(v0=v0, D=D, T=longest, x_final=v0 * longest, v_end=v0), problem.limit)

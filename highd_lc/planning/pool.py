@@ -7,9 +7,9 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from highd_lc.core.losses import joint_objective
+from highd_lc.core.losses import LossTerms, joint_objective
 from highd_lc.core.quintic import Quintic
-from highd_lc.planning.candidates import LossTerms, evaluate
+from highd_lc.planning.candidates import evaluate
 from highd_lc.planning.contacts import NO_CONTACT
 from highd_lc.planning.crowd import Crowd
 from highd_lc.planning.limits import CONSTRAINTS, SAFETY, Limits, violations

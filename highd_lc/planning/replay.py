@@ -338,3 +338,12 @@ def _from_centre(
     dx = other_x[k] - x[k] + scene.rear_to_centre * (1.0 - cos)
     dy = other_y[k] - y[k] - scene.rear_to_centre * sin
     return dx, dy, cos, sin
+
+
+CONSTANT_T = 5.5
+"""Duration of the reference that changes lane at constant speed [s] (equations.md 6)."""
+
+
+def constant_samples(packed: PackedScene) -> int:
+    """Samples of ``CONSTANT_T``, at most those of H."""
+    return min(round(CONSTANT_T / packed.dt), len(packed.target_v) - 1)

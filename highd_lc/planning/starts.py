@@ -33,8 +33,7 @@ from numpy.typing import NDArray
 
 from highd_lc.core.drive import LCM
 from highd_lc.core.ellipse import ellipses_overlap
-from highd_lc.core.losses import command_jerk, speed_difference
-from highd_lc.planning.candidates import LossTerms
+from highd_lc.core.losses import LossTerms, command_jerk, speed_difference
 from highd_lc.planning.contacts import NO_CONTACT
 from highd_lc.planning.limits import limits_of
 from highd_lc.planning.planner import PlanningProblem

@@ -20,7 +20,8 @@ from numba import njit
 from numpy.typing import NDArray
 
 from highd_lc.core.kernels import UNALIASED
-from highd_lc.planning.candidates import LossTerms, Outcomes, evaluate_into, new_outcomes
+from highd_lc.core.losses import LossTerms
+from highd_lc.planning.candidates import Outcomes, evaluate_into, new_outcomes
 from highd_lc.planning.contacts import NO_CONTACT, WIDTH
 from highd_lc.planning.crowd import Crowd, own_crowd
 from highd_lc.planning.limits import Limits, forward_interval, violation

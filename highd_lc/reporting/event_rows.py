@@ -14,7 +14,7 @@ import numpy as np
 from markupsafe import Markup, escape
 
 from highd_lc.reporting import html, labels
-from highd_lc.reporting.event import EventReport, FloatArray, PredictionTrace, Row, driver_says
+from highd_lc.reporting.event import EventReport, Row, driver_says
 from highd_lc.reporting.html import bars, cells, number, policy_head
 from highd_lc.vocab import names
 from highd_lc.vocab.driver import PARAMETERS
@@ -114,39 +114,6 @@ def weights(report: EventReport) -> list[float] | list[None]:
 
 def _length(value: Any) -> int:
     return 0 if value is None else len(value)
-
-
-def model_error(report: EventReport) -> dict[str, Any] | None:
-    """Recorded against simulated followers of the human, beside what the local optimum changes."""
-    human = report.loss(names.HUMAN)
-    if human is None or not human["recorded_n_samples"]:
-        return None
-    if html.is_missing(human["loss_hv_recorded"]) or html.is_missing(human["loss_hv_simulated"]):
-        return None
-    local, benchmark = report.loss(names.LOCAL_OPTIMUM), report.loss(names.BENCHMARK)
-    effect = None if local is None or benchmark is None else local["loss_hv"] - benchmark["loss_hv"]
-    return {
-        "n": human["recorded_n_samples"],
-        "recorded": human["loss_hv_recorded"],
-        "simulated": human["loss_hv_simulated"],
-        "difference": human["loss_hv_simulated"] - human["loss_hv_recorded"],
-        "effect": effect,
-    }
-
-
-def prediction_rows(trace: PredictionTrace | None) -> list[tuple[str, float, float, float]]:
-    """Of each follower model: its label, how long it can be compared [s], its last error and RMSE [m/s]."""
-    return [] if trace is None else [_prediction_row(trace, m, v) for m, v in trace.models.items()]
-
-
-def _prediction_row(trace: PredictionTrace, model: str, speed: FloatArray) -> tuple[str, float, float, float]:
-    known = np.isfinite(speed) & np.isfinite(trace.recorded)
-    plans = " (plans)" if model == trace.default else ""
-    label = labels.follower_model(model) + plans
-    if not known.any():
-        return label, np.nan, np.nan, np.nan
-    error = (speed - trace.recorded)[known]
-    return label, float(trace.t[known][-1]), float(error[-1]), float(np.sqrt(np.mean(error**2)))
 
 
 def plan_rows(report: EventReport, rows: list[Row]) -> list[dict[str, Any]]:

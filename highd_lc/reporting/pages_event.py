@@ -7,10 +7,11 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
+import numpy as np
 from markupsafe import Markup
 
 from highd_lc.reporting import event_rows, html, labels
-from highd_lc.reporting.event import EventReport, Row
+from highd_lc.reporting.event import EventReport, FloatArray, PredictionTrace, Row
 from highd_lc.reporting.payload import event_payload
 from highd_lc.vocab import names
 from highd_lc.vocab.driver import PARAMETERS, UNITS
@@ -116,10 +117,10 @@ def _context(report: EventReport, *, raw: bool) -> dict[str, Any]:
         "notices": _notices(report),
         "facts": _facts(report),
         "starts": start_sentences(report),
-        "predicted": event_rows.prediction_rows(report.prediction),
+        "predicted": prediction_rows(report.prediction),
         "losses": event_rows.per_accounting(report.losses, partial(_losses, report)),
         "weights": event_rows.weights(report),
-        "recorded": event_rows.model_error(report),
+        "recorded": model_error(report),
         "surface": report.surface is not None,
         "plans": event_rows.per_accounting(report.plans, partial(_plans, report)),
         "margins": event_rows.per_accounting(report.plans, partial(_margins, report)),
@@ -208,3 +209,36 @@ def _leader(event: Row) -> str:
         return "none"
     ahead = f"{html.number(gap, 1)} m ahead"
     return ahead if html.is_missing(leaves) else f"{ahead}, leaves it after {html.number(leaves, 1)} s"
+
+
+def model_error(report: EventReport) -> dict[str, Any] | None:
+    """Recorded against simulated followers of the human, beside what the local optimum changes."""
+    human = report.loss(names.HUMAN)
+    if human is None or not human["recorded_n_samples"]:
+        return None
+    if html.is_missing(human["loss_hv_recorded"]) or html.is_missing(human["loss_hv_simulated"]):
+        return None
+    local, benchmark = report.loss(names.LOCAL_OPTIMUM), report.loss(names.BENCHMARK)
+    effect = None if local is None or benchmark is None else local["loss_hv"] - benchmark["loss_hv"]
+    return {
+        "n": human["recorded_n_samples"],
+        "recorded": human["loss_hv_recorded"],
+        "simulated": human["loss_hv_simulated"],
+        "difference": human["loss_hv_simulated"] - human["loss_hv_recorded"],
+        "effect": effect,
+    }
+
+
+def prediction_rows(trace: PredictionTrace | None) -> list[tuple[str, float, float, float]]:
+    """Of each follower model: its label, how long it can be compared [s], its last error and RMSE [m/s]."""
+    return [] if trace is None else [_prediction_row(trace, m, v) for m, v in trace.models.items()]
+
+
+def _prediction_row(trace: PredictionTrace, model: str, speed: FloatArray) -> tuple[str, float, float, float]:
+    known = np.isfinite(speed) & np.isfinite(trace.recorded)
+    plans = " (plans)" if model == trace.default else ""
+    label = labels.follower_model(model) + plans
+    if not known.any():
+        return label, np.nan, np.nan, np.nan
+    error = (speed - trace.recorded)[known]
+    return label, float(trace.t[known][-1]), float(error[-1]), float(np.sqrt(np.mean(error**2)))

@@ -7,7 +7,6 @@ from typing import Final
 
 import numpy as np
 import pandas as pd
-from markupsafe import Markup
 
 from highd_lc.drivers.prediction import DENSITIES
 from highd_lc.reporting import figures_prediction as figures
@@ -18,7 +17,6 @@ from highd_lc.reporting.pages_followers import error_sections, externality_secti
 from highd_lc.vocab import names
 from highd_lc.vocab.tables.prediction import RECORDED
 
-PAGE: Final = "prediction.html"
 _HORIZON: Final = 5.0
 """At which single horizons are drawn [s], where events are in view for that long."""
 _EXTREMES: Final = 10
@@ -70,20 +68,13 @@ def prediction_page(tables: PredictionTables) -> str:
         "for as long as both are in view. What a model says can so be compared with what the driver did. "
         "No driver is predicted with what was fitted to the same response.",
     )
-    return overview_page(PAGE, "Followers: how well they are predicted", _sections(tables), lead)
-
-
-def believed_section(says: Sequence[str], *, linked: bool) -> Section:
-    """What stands in front of every gain. says: see ``follower_words``; linked: whether there is a page on it."""
-    link = Markup('More: <a href="{0}">how well followers are predicted</a>.').format(PAGE)
-    text = (*says, link) if linked else tuple(says)
-    return Section("How far the followers can be believed", text, anchor="believed")
+    return overview_page(words.PAGE, "Followers: how well they are predicted", _sections(tables), lead)
 
 
 def _sections(tables: PredictionTables) -> Iterator[Section]:
     effects = words.effects_of(tables.losses)
     says = words.followers_say(tables.prediction_summary, effects, tables.prediction_aims)
-    yield believed_section(says, linked=False)
+    yield words.believed_section(says, linked=False)
     yield _thresholds_section()
     yield from _aims_sections(tables.prediction_aims)
     if len(tables.summary):

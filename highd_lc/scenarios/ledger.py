@@ -24,7 +24,8 @@ from highd_lc.vocab import names
 from highd_lc.vocab.driver import TABLE3_MEANS
 from highd_lc.vocab.published import PUBLISHED, Published
 from highd_lc.vocab.scenarios import ScenarioOptions, ScenarioSettings
-from highd_lc.vocab.settings import LossSettings, ValidateSettings
+from highd_lc.vocab.sections import LossSettings
+from highd_lc.vocab.settings import ValidateSettings
 from highd_lc.vocab.tables.scenarios import NEAR, NO_PLAN, NOT_REPRODUCED, REPRODUCED
 
 FloatArray = NDArray[np.float64]

@@ -1,22 +1,22 @@
 """Losses and safety of a replayed motion under every accounting (equations.md 4, 6 and 12)."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from highd_lc.core.losses import command_jerk, cumulative_comfort, cumulative_efficiency
+from highd_lc.core.losses import LossTerms, command_jerk, cumulative_comfort, cumulative_efficiency
 from highd_lc.core.safety import braking_asked, critical_gap, rss_gaps
-from highd_lc.planning.candidates import LossTerms
-from highd_lc.planning.limits import Pair
+from highd_lc.planning.limits import Pair, first_contact, pairs
+from highd_lc.planning.planner import Plan, PlanningProblem
 from highd_lc.planning.replay import Replay
 from highd_lc.planning.safety import dracs, time_gaps
-from highd_lc.planning.scene import Motion
+from highd_lc.planning.scene import Motion, target_leader_lengths
 from highd_lc.vocab import names
 from highd_lc.vocab.policy import ACCOUNTINGS
 from highd_lc.vocab.safety import SafetySettings
-from highd_lc.vocab.settings import LossSettings
+from highd_lc.vocab.sections import LossSettings
 
 FloatArray = NDArray[np.float64]
 
@@ -239,3 +239,44 @@ def _post_encroachment(pair: Pair | None, dt: float) -> float | None:
 def peak_deceleration(a: FloatArray, last: int) -> float:
     """Strongest braking of any follower [m/s^2, positive] up to sample ``last``; 0 if nobody brakes."""
     return float(max(0.0, -a[:, : last + 1].min()))
+
+
+@dataclass(frozen=True)
+class Scores:
+    """Losses and safety of an event's replays, each computed once: accountings share them.
+
+    unchanged: the plan without a lane change, beside which the followers' loss is an increment.
+    """
+
+    problem: PlanningProblem
+    unchanged: Plan
+    found: dict[Replay, CumulativeLosses] = field(default_factory=dict)
+    safe: dict[tuple[Replay, int], dict[str, float]] = field(default_factory=dict)
+
+    def losses(self, replay: Replay) -> CumulativeLosses:
+        """Cumulative losses of a replay."""
+        if replay not in self.found:
+            terms, loss = self.problem.terms, self.problem.settings.loss
+            self.found[replay] = cumulative_losses(replay, terms, loss, self.problem.scene.dt)
+        return self.found[replay]
+
+    def safety(self, plan: Plan, last: int) -> dict[str, float]:
+        """Safety of a plan's replay up to sample ``last``."""
+        assert plan.replay is not None
+        key = plan.replay, last
+        if key not in self.safe:
+            joins, lengths = plan.policy != names.NO_LANE_CHANGE, target_leader_lengths(self.problem.scene)
+            lane = pairs(plan.replay, self.problem.packed, joins=joins, lengths=lengths)
+            threshold, dt = self.problem.settings.safety.ttc_s, self.problem.scene.dt
+            self.safe[key] = safety(lane, last) | exposure(lane, last, threshold, dt=dt)
+        return self.safe[key]
+
+    def hv_unchanged(self, last: int) -> float:
+        """The followers' loss without a lane change, charged up to sample ``last``; NaN after a contact."""
+        replay, origin = self.unchanged.replay, self.problem.scene.origin_leader
+        assert replay is not None, "it needs no plan"
+        if first_contact(replay, self.problem.packed, joins=False, last=last, origin_leader=origin):
+            return np.nan
+        losses = self.losses(replay)
+        both = losses.hv_comfort[:, last] + losses.hv_efficiency[:, last]
+        return float(0.5 * self.problem.terms.weights @ both)

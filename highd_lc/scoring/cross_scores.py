@@ -27,8 +27,7 @@ from highd_lc.core.drive import (
 )
 from highd_lc.core.kernels import UNALIASED
 from highd_lc.core.lcm import MOTORWAY
-from highd_lc.core.losses import cumulative_comfort, cumulative_efficiency
-from highd_lc.planning.candidates import LossTerms
+from highd_lc.core.losses import LossTerms, cumulative_comfort, cumulative_efficiency
 from highd_lc.planning.contacts import NO_CONTACT
 from highd_lc.planning.replay import AvMotion, Entry, joins
 from highd_lc.planning.scene import BARE_LCM, FAMILY, MEMORY, MOMENT, PackedScene

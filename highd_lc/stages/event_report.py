@@ -24,7 +24,7 @@ from highd_lc.planning import planner
 from highd_lc.planning.pareto import BLOCKERS, ON_SURFACE, SurfacePoint, loss_surface
 from highd_lc.planning.planner import FORM_OF, PlanningProblem
 from highd_lc.planning.replay import AvMotion, box_centre, drive_on, follow, human_motion, joins, plan_motion
-from highd_lc.planning.scene import Motion, PackedScene, Scene, leaders_of
+from highd_lc.planning.scene import PackedScene, Scene
 from highd_lc.planning.start_planner import key_of, replay_start
 from highd_lc.planning.starts import Key, StartProblem, pose_starts
 from highd_lc.reporting import labels
@@ -34,13 +34,13 @@ from highd_lc.reporting.event import (
     FitTrace,
     Path,
     Play,
-    PredictionTrace,
     Row,
     Surface,
     TrackTrace,
 )
 from highd_lc.stages.scene_drivers import Columns
-from highd_lc.stages.scenes import SceneTables, read_scene_tables
+from highd_lc.stages.scenes import SceneTables, leads, read_scene_tables, surrounding
+from highd_lc.stages.trajectories import prediction_trace
 from highd_lc.tracking.closed_loop import Controller, controller, errors_and_inputs
 from highd_lc.tracking.plan_tracking import plan_reference
 from highd_lc.vocab import names
@@ -240,21 +240,6 @@ def _ego(av: AvMotion, scene: Scene, *, at_rear_axle: bool) -> Path:
     return Path(x, y, np.hypot(av.vx, av.vy), av.ax)
 
 
-def surrounding(scene: Scene) -> dict[str, Motion]:
-    """The vehicles that no policy moves, by role."""
-    behind = {} if scene.origin_follower is None else {names.ORIGIN_FOLLOWER: scene.origin_follower}
-    return leaders_of(scene) | behind
-
-
-def leads(scene: Scene) -> tuple[tuple[int, str], ...]:
-    """From which sample on which role leads the target lane; empty = nobody."""
-    if scene.target_leader is None:
-        return ()
-    later = enumerate(scene.next_leaders, start=2)
-    found = [(one.since, "" if one.motion is None else names.target_leader(rank)) for rank, one in later]
-    return ((0, names.TARGET_LEADER), *found)
-
-
 PERIOD: Final = 0.1
 """Time step of all motions on a page [s]: the planner's, and the finest that a page to be shared may carry."""
 _READ: Final = ("plans", "losses", "tracking")
@@ -360,28 +345,6 @@ def event_report(event: Row, tables: RecordingTables, scene: Scene, settings: Va
         identified=tables.identified,
         prediction=prediction_trace(tables.behind.get(event_id), settings.follower_models[0]),
     )
-
-
-def prediction_trace(trajectories: pd.DataFrame | None, default: str) -> PredictionTrace | None:
-    """HV 1 behind the recorded lane changer, recorded and by each follower model, for an event's page.
-
-    trajectories: an event's rows of that table; default: the model that plans. None if it holds no such rows.
-    """
-    if trajectories is None:
-        return None
-    rows = trajectories[trajectories["role"] == names.target_follower(1)]
-    rows = rows[rows["policy"] == RECORDED]
-    # The motion is one, whatever the accounting under which a row stands.
-    rows = rows.assign(k=np.rint(rows["t"].to_numpy(float) / PERIOD).astype(int)).query("k >= 0")
-    rows = rows.drop_duplicates(["kind", "followers", "k"])
-    simulated = rows[rows["kind"] == "simulated"]
-    recorded = rows[rows["kind"] == "recorded"].set_index("k")["vx"]
-    if simulated.empty or recorded.empty:
-        return None
-    grid = np.arange(max(simulated["k"].max(), recorded.index.max()) + 1)
-    models = {m: simulated[simulated["followers"] == m] for m in labels.in_order(simulated["followers"])}
-    speeds = {m: found.set_index("k")["vx"].reindex(grid).to_numpy(float) for m, found in models.items()}
-    return PredictionTrace(PERIOD * grid, recorded.reindex(grid).to_numpy(float), speeds, default)
 
 
 def _path(track: Track, grid: FloatArray) -> Path:

@@ -19,14 +19,14 @@ from highd_lc.io import artefacts
 from highd_lc.io.atomic import whole_file
 from highd_lc.reporting import html, pages_scenarios
 from highd_lc.reporting.event import FitTrace
-from highd_lc.reporting.follower_words import LOSS_COLUMNS, effects_of, followers_say
+from highd_lc.reporting.follower_words import LOSS_COLUMNS, believed_section, effects_of, followers_say
+from highd_lc.reporting.follower_words import PAGE as PREDICTION_PAGE
 from highd_lc.reporting.html import TO_REPORT, TO_SCENARIOS, Crosslink
 from highd_lc.reporting.pages_data import Section, data_page, empty_page, excluded_page
 from highd_lc.reporting.pages_followers import CalibrationTables, calibration_page
 from highd_lc.reporting.pages_index import IndexTables, SummaryTables, index_page, summary_page
 from highd_lc.reporting.pages_population import PriceTables, StartTables, dictionary_page, matrix_page, start_page
-from highd_lc.reporting.pages_prediction import PAGE as PREDICTION_PAGE
-from highd_lc.reporting.pages_prediction import PredictionTables, believed_section, prediction_page
+from highd_lc.reporting.pages_prediction import PredictionTables, prediction_page
 from highd_lc.reporting.pages_studies import StudyTables, studies_page
 from highd_lc.reporting.run_words import RunTables, nothing_said, run_in_short, run_says
 from highd_lc.stages.scenes import track_of

@@ -287,8 +287,8 @@ def worse_for_somebody(losses: PolicyLosses, statistics: StatisticsSettings) -> 
                         "loss_local": local,
                         "increase": local / benchmark - 1.0,
                     }
-                    error, effect = abs(event.error), abs(event.effect)
-                    of_party |= {"error": error, "error_over_effect": error / effect if effect else np.nan}
+                    found = seen(pair.loc[[str(event.Index)]])
+                    of_party |= {name: found[name] for name in ("error", "error_over_effect")}
                     rows.append(about | of_event | of_party)
     return _frame("worse_for_somebody", rows)
 

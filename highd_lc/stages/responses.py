@@ -13,18 +13,19 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from highd_lc.core.losses import LossTerms
 from highd_lc.drivers.identifiability import EVERYBODY, pool_idm
 from highd_lc.drivers.population import CONSTANTS, NAMES, OPTIONAL, SPREAD, Population
 from highd_lc.drivers.prediction import Scales, motion_loss
 from highd_lc.drivers.responses import HORIZON, NO_LEADER, SAMPLES, Responses
 from highd_lc.io import artefacts, atomic
-from highd_lc.planning.candidates import LossTerms
 from highd_lc.planning.scene import Motion, Scene, pack
 from highd_lc.stages.scenes import SceneTables, of_own_fits, scene_makers, track_of
 from highd_lc.vocab import names
 from highd_lc.vocab.driver import PARAMETERS
 from highd_lc.vocab.errors import SettingsError, told
-from highd_lc.vocab.settings import LossSettings, ValidateSettings
+from highd_lc.vocab.sections import LossSettings
+from highd_lc.vocab.settings import ValidateSettings
 
 FloatArray = NDArray[np.float64]
 Row = dict[str, Any]

@@ -20,7 +20,7 @@ from highd_lc.core.losses import command_jerk
 from highd_lc.drivers.calibration import RecordedMotion, following_track
 from highd_lc.extraction.track_index import unbroken
 from highd_lc.io import artefacts
-from highd_lc.planning.scene import Followers, Human, Motion, NextLeader, Scene
+from highd_lc.planning.scene import Followers, Human, Motion, NextLeader, Scene, leaders_of
 from highd_lc.stages.scene_drivers import Columns, driven, grouped, read_drivers
 from highd_lc.vocab import names
 from highd_lc.vocab.driver import PARAMETERS, TABLE3_MEANS
@@ -357,3 +357,18 @@ def track_row(track: FollowingTrack) -> dict[str, Any]:
 def track_of(row: Mapping[str, Any]) -> FollowingTrack:
     """The track of a row of ``follower_tracks``."""
     return FollowingTrack(*(np.asarray(row[name], dtype=np.float64) for name in _ROWS))
+
+
+def surrounding(scene: Scene) -> dict[str, Motion]:
+    """The vehicles that no policy moves, by role."""
+    behind = {} if scene.origin_follower is None else {names.ORIGIN_FOLLOWER: scene.origin_follower}
+    return leaders_of(scene) | behind
+
+
+def leads(scene: Scene) -> tuple[tuple[int, str], ...]:
+    """From which sample on which role leads the target lane; empty = nobody."""
+    if scene.target_leader is None:
+        return ()
+    later = enumerate(scene.next_leaders, start=2)
+    found = [(one.since, "" if one.motion is None else names.target_leader(rank)) for rank, one in later]
+    return ((0, names.TARGET_LEADER), *found)

@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
+import pandas as pd
 import pyarrow as pa
 from numpy.typing import NDArray
 
@@ -12,6 +13,8 @@ from highd_lc.io import artefacts
 from highd_lc.planning.planner import Plan, PlanningProblem
 from highd_lc.planning.replay import AvMotion, box_centre, following
 from highd_lc.planning.scene import Motion, pack
+from highd_lc.reporting import labels
+from highd_lc.reporting.event import PredictionTrace
 from highd_lc.stages.scene_drivers import Columns, behind_recorded
 from highd_lc.stages.scenes import TIME_STEP
 from highd_lc.stages.validate_samples import Planned
@@ -132,3 +135,25 @@ def _table(traces: Sequence[Trace]) -> pa.Table:
     columns |= {name: pa.array(row) for name, row in zip(_VALUES, values, strict=True)}
     table = TABLES[_NAME]
     return pa.table([columns[name] for name in table.column_names], names=list(table.column_names))
+
+
+def prediction_trace(trajectories: pd.DataFrame | None, default: str) -> PredictionTrace | None:
+    """HV 1 behind the recorded lane changer, recorded and by each follower model, for an event's page.
+
+    trajectories: an event's rows of that table; default: the model that plans. None if it holds no such rows.
+    """
+    if trajectories is None:
+        return None
+    rows = trajectories[trajectories["role"] == names.target_follower(1)]
+    rows = rows[rows["policy"] == RECORDED]
+    # The motion is one, whatever the accounting under which a row stands.
+    rows = rows.assign(k=np.rint(rows["t"].to_numpy(float) / TIME_STEP).astype(int)).query("k >= 0")
+    rows = rows.drop_duplicates(["kind", "followers", "k"])
+    simulated = rows[rows["kind"] == "simulated"]
+    recorded = rows[rows["kind"] == "recorded"].set_index("k")["vx"]
+    if simulated.empty or recorded.empty:
+        return None
+    grid = np.arange(max(simulated["k"].max(), recorded.index.max()) + 1)
+    models = {m: simulated[simulated["followers"] == m] for m in labels.in_order(simulated["followers"])}
+    speeds = {m: found.set_index("k")["vx"].reindex(grid).to_numpy(float) for m, found in models.items()}
+    return PredictionTrace(TIME_STEP * grid, recorded.reindex(grid).to_numpy(float), speeds, default)

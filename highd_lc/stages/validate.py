@@ -1,7 +1,6 @@
 """Validate: every event through the planner and the MPC, scored under every accounting; then the population."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -11,15 +10,13 @@ import pandas as pd
 
 from highd_lc.io import artefacts
 from highd_lc.planning import planner
-from highd_lc.planning.limits import first_contact, pairs
 from highd_lc.planning.planner import Plan, PlanningProblem
-from highd_lc.planning.replay import Replay
 from highd_lc.planning.robust import RobustProblem, plan_robust
 from highd_lc.planning.safety import av_pairs
-from highd_lc.planning.scene import Scene, target_leader_lengths
+from highd_lc.planning.scene import Scene
 from highd_lc.planning.start_planner import plan_starts
 from highd_lc.scoring import charges
-from highd_lc.scoring.charges import CumulativeLosses
+from highd_lc.scoring.charges import Scores
 from highd_lc.stages.other_planners import OtherPlanners, leaderboard, other_rows
 from highd_lc.stages.population_tables import (
     cross_scores,
@@ -67,6 +64,7 @@ from highd_lc.stages.validate_samples import (
     Planned,
     Samples,
     pareto_rows,
+    plan_row,
     samples,
     tracking_rows,
     tracking_summary,
@@ -93,9 +91,6 @@ STAGE = "validate"
 PART_TABLES = ("plans", "losses", "tracking", "safety_losses", *STUDY_TABLES, "other_plans")
 
 Row = dict[str, Any]
-
-_ROUNDING = 1e-9
-"""A drive whose limit bounds it is on the limit, but for rounding."""
 
 
 def run(job: Job) -> JobReport:
@@ -183,12 +178,12 @@ def _planned_rows(planned: Planned) -> Iterator[tuple[str, Row]]:
         yield "tracking", row
 
 
-def _scores(planned: Planned) -> "Scores":
+def _scores(planned: Planned) -> Scores:
     unchanged = next(plan for plan in planned.plans if plan.policy == names.NO_LANE_CHANGE)
     return Scores(planned.tracker.problem, unchanged)
 
 
-def _scored(problem: PlanningProblem, scores: "Scores", plan: Plan) -> Row:
+def _scored(problem: PlanningProblem, scores: Scores, plan: Plan) -> Row:
     """The columns of ``plans`` and ``losses`` of one plan."""
     return plan_row(problem, plan) | loss_row(problem, plan, scores)
 
@@ -226,120 +221,6 @@ def _sampled_rows(study: Study) -> Iterator[tuple[str, Row]]:
     for row in uncertainty_rows(study):
         yield "uncertainty", row
     yield from pareto_rows(study)
-
-
-def plan_row(problem: PlanningProblem, plan: Plan) -> Row:
-    """The columns of ``plans`` of one plan."""
-    margin = problem.packed.safety.clearance
-    clearances = [value + margin for name, value in plan.margins.items() if name.startswith("clearance_")]
-    return {
-        "policy": plan.policy,
-        "accounting": plan.accounting,
-        **_shape(problem, plan),
-        "delay_s": np.nan if plan.replay is None else plan.delay_s,
-        "gap": "" if plan.replay is None else plan.gap,
-        "status": plan.status,
-        "at_bound": _at_bound(problem, plan),
-        "rejected_by": plan.rejected_by,
-        "candidates": plan.candidates,
-        "min_clearance_m": _finite(min(clearances, default=np.nan)) if plan.replay else np.nan,
-        "margins": {name: float(value) for name, value in plan.margins.items() if np.isfinite(value)},
-        "moments": plan.moments,
-        "fallback": plan.fallback,
-        "binding": plan.binding,
-        "violations": _violated(plan),
-        "contact": plan.contact,
-        "contact_after_T": None if plan.replay is None else bool((plan.replay.clearance_after_T < 0.0).any()),
-        "braking_after_T": _braking_afterwards(plan),
-        "start_acceleration_jump": problem.scene.a0,
-        "objective": plan.objective,
-    }
-
-
-def _shape(problem: PlanningProblem, plan: Plan) -> Row:
-    """T, x_final and v_end: of the quintic, or of the motion where there is none."""
-    if plan.replay is None:
-        return {"T": np.nan, "x_final": np.nan, "v_end": np.nan, "v_start": np.nan}
-    if plan.quintic is not None:
-        q = plan.quintic
-        return {"T": q.T, "x_final": q.x_final, "v_end": q.v_end, "v_start": q.v0}
-    av = plan.replay.av
-    T = round(av.n * problem.scene.dt, 10)
-    return {
-        "T": T,
-        "x_final": float(av.x[av.n] - av.x[0]),
-        "v_end": float(av.vx[av.n]),
-        "v_start": float(av.vx[0]),
-    }
-
-
-def _braking_afterwards(plan: Plan) -> float:
-    """Strongest braking of the AV in its drive after T [m/s^2, positive], NaN without a plan or a drive."""
-    if plan.replay is None or plan.replay.av.n + 1 >= len(plan.replay.av.ax):
-        return np.nan
-    return float(max(0.0, -plan.replay.av.ax[plan.replay.av.n :].min()))
-
-
-def _at_bound(problem: PlanningProblem, plan: Plan) -> list[str]:
-    settings, H = problem.settings.search, (len(problem.packed.target_v) - 1) * problem.packed.dt
-    if plan.status == names.REFERENCE:
-        return ["T"] if planner.own_duration(problem, plan.policy) > H + 1e-9 else []
-    if plan.status != names.SOLVED or plan.quintic is None:
-        return []
-    edge = [b for b in (settings.T_min, min(settings.T_max, H)) if abs(plan.quintic.T - b) < 1e-9]
-    waited = 0.0 < settings.max_delay_s <= plan.delay_s + 1e-9
-    return (["T"] if edge else []) + (["delay_s"] if waited else []) + plan.at_bound
-
-
-def _violated(plan: Plan) -> list[str]:
-    if plan.status not in (names.REFERENCE, names.CONTACT):
-        return []
-    return [name for name, margin in plan.margins.items() if margin < -_ROUNDING]
-
-
-def _finite(value: float) -> float:
-    return value if np.isfinite(value) else np.nan
-
-
-@dataclass(frozen=True)
-class Scores:
-    """Losses and safety of an event's replays, each computed once: accountings share them.
-
-    unchanged: the plan without a lane change, beside which the followers' loss is an increment.
-    """
-
-    problem: PlanningProblem
-    unchanged: Plan
-    found: dict[Replay, CumulativeLosses] = field(default_factory=dict)
-    safe: dict[tuple[Replay, int], dict[str, float]] = field(default_factory=dict)
-
-    def losses(self, replay: Replay) -> CumulativeLosses:
-        """Cumulative losses of a replay."""
-        if replay not in self.found:
-            terms, loss = self.problem.terms, self.problem.settings.loss
-            self.found[replay] = charges.cumulative_losses(replay, terms, loss, self.problem.scene.dt)
-        return self.found[replay]
-
-    def safety(self, plan: Plan, last: int) -> dict[str, float]:
-        """Safety of a plan's replay up to sample ``last``."""
-        assert plan.replay is not None
-        key = plan.replay, last
-        if key not in self.safe:
-            joins, lengths = plan.policy != names.NO_LANE_CHANGE, target_leader_lengths(self.problem.scene)
-            lane = pairs(plan.replay, self.problem.packed, joins=joins, lengths=lengths)
-            threshold, dt = self.problem.settings.safety.ttc_s, self.problem.scene.dt
-            self.safe[key] = charges.safety(lane, last) | charges.exposure(lane, last, threshold, dt=dt)
-        return self.safe[key]
-
-    def hv_unchanged(self, last: int) -> float:
-        """The followers' loss without a lane change, charged up to sample ``last``; NaN after a contact."""
-        replay, origin = self.unchanged.replay, self.problem.scene.origin_leader
-        assert replay is not None, "it needs no plan"
-        if first_contact(replay, self.problem.packed, joins=False, last=last, origin_leader=origin):
-            return np.nan
-        losses = self.losses(replay)
-        both = losses.hv_comfort[:, last] + losses.hv_efficiency[:, last]
-        return float(0.5 * self.problem.terms.weights @ both)
 
 
 def loss_row(problem: PlanningProblem, plan: Plan, scores: Scores) -> Row:

@@ -17,9 +17,9 @@ import numpy as np
 import pandas as pd
 
 from highd_lc.io import artefacts
-from highd_lc.planning import pareto
+from highd_lc.planning import pareto, planner
 from highd_lc.planning.pareto import Points
-from highd_lc.planning.planner import Plan, contact_of, made_once
+from highd_lc.planning.planner import Plan, PlanningProblem, contact_of, made_once
 from highd_lc.planning.replay import Replay
 from highd_lc.planning.starts import StartProblem, pose_starts
 from highd_lc.scoring.uncertainty import stratified_sample
@@ -300,3 +300,80 @@ def _judged(tracker: PlanTracker, driven: DrivenPlan, tracked: Replay) -> Row:
         "min_clearance_tracked_m": min(tracker.clearances(plan, tracked).values(), default=np.nan),
         "min_clearance_planned_m": min(tracker.clearances(plan, planned).values(), default=np.nan),
     }
+
+
+_ROUNDING = 1e-9
+"""A drive whose limit bounds it is on the limit, but for rounding."""
+
+
+def plan_row(problem: PlanningProblem, plan: Plan) -> Row:
+    """The columns of ``plans`` of one plan."""
+    margin = problem.packed.safety.clearance
+    clearances = [value + margin for name, value in plan.margins.items() if name.startswith("clearance_")]
+    return {
+        "policy": plan.policy,
+        "accounting": plan.accounting,
+        **_shape(problem, plan),
+        "delay_s": np.nan if plan.replay is None else plan.delay_s,
+        "gap": "" if plan.replay is None else plan.gap,
+        "status": plan.status,
+        "at_bound": _at_bound(problem, plan),
+        "rejected_by": plan.rejected_by,
+        "candidates": plan.candidates,
+        "min_clearance_m": _finite(min(clearances, default=np.nan)) if plan.replay else np.nan,
+        "margins": {name: float(value) for name, value in plan.margins.items() if np.isfinite(value)},
+        "moments": plan.moments,
+        "fallback": plan.fallback,
+        "binding": plan.binding,
+        "violations": _violated(plan),
+        "contact": plan.contact,
+        "contact_after_T": None if plan.replay is None else bool((plan.replay.clearance_after_T < 0.0).any()),
+        "braking_after_T": _braking_afterwards(plan),
+        "start_acceleration_jump": problem.scene.a0,
+        "objective": plan.objective,
+    }
+
+
+def _shape(problem: PlanningProblem, plan: Plan) -> Row:
+    """T, x_final and v_end: of the quintic, or of the motion where there is none."""
+    if plan.replay is None:
+        return {"T": np.nan, "x_final": np.nan, "v_end": np.nan, "v_start": np.nan}
+    if plan.quintic is not None:
+        q = plan.quintic
+        return {"T": q.T, "x_final": q.x_final, "v_end": q.v_end, "v_start": q.v0}
+    av = plan.replay.av
+    T = round(av.n * problem.scene.dt, 10)
+    return {
+        "T": T,
+        "x_final": float(av.x[av.n] - av.x[0]),
+        "v_end": float(av.vx[av.n]),
+        "v_start": float(av.vx[0]),
+    }
+
+
+def _braking_afterwards(plan: Plan) -> float:
+    """Strongest braking of the AV in its drive after T [m/s^2, positive], NaN without a plan or a drive."""
+    if plan.replay is None or plan.replay.av.n + 1 >= len(plan.replay.av.ax):
+        return np.nan
+    return float(max(0.0, -plan.replay.av.ax[plan.replay.av.n :].min()))
+
+
+def _at_bound(problem: PlanningProblem, plan: Plan) -> list[str]:
+    settings, H = problem.settings.search, (len(problem.packed.target_v) - 1) * problem.packed.dt
+    if plan.status == names.REFERENCE:
+        return ["T"] if planner.own_duration(problem, plan.policy) > H + 1e-9 else []
+    if plan.status != names.SOLVED or plan.quintic is None:
+        return []
+    edge = [b for b in (settings.T_min, min(settings.T_max, H)) if abs(plan.quintic.T - b) < 1e-9]
+    waited = 0.0 < settings.max_delay_s <= plan.delay_s + 1e-9
+    return (["T"] if edge else []) + (["delay_s"] if waited else []) + plan.at_bound
+
+
+def _violated(plan: Plan) -> list[str]:
+    if plan.status not in (names.REFERENCE, names.CONTACT):
+        return []
+    return [name for name, margin in plan.margins.items() if margin < -_ROUNDING]
+
+
+def _finite(value: float) -> float:
+    return value if np.isfinite(value) else np.nan

@@ -9,14 +9,8 @@ from highd_lc.vocab.driver import TABLE3_MEANS
 from highd_lc.vocab.policy import PAIRS, POLICIES
 from highd_lc.vocab.published import RECTANGLE_DURATION, RECTANGLE_HEIGHT
 from highd_lc.vocab.safety import SafetySettings
-from highd_lc.vocab.settings import (
-    ConstraintSettings,
-    FollowerSettings,
-    LossSettings,
-    PlannerSettings,
-    Section,
-    ValidateSettings,
-)
+from highd_lc.vocab.sections import ConstraintSettings, LossSettings, Section
+from highd_lc.vocab.settings import FollowerSettings, PlannerSettings, ValidateSettings
 from highd_lc.vocab.tracking import TrackingSettings
 
 Metres = Annotated[float, Field(gt=0, le=10000)]

@@ -2,21 +2,22 @@
 
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import ConfigDict, Field, model_validator
 
 from highd_lc.vocab import names
-from highd_lc.vocab.driver import TABLE3_MEANS
 from highd_lc.vocab.errors import SettingsError
 from highd_lc.vocab.follower_names import parse
 from highd_lc.vocab.safety import SafetySettings
-from highd_lc.vocab.sections import RecorderSettings, RobustSettings, StatisticsSettings, StudySettings
+from highd_lc.vocab.sections import (
+    ConstraintSettings,
+    LossSettings,
+    RecorderSettings,
+    RobustSettings,
+    Section,
+    StatisticsSettings,
+    StudySettings,
+)
 from highd_lc.vocab.tracking import TrackingSettings
-
-
-class Section(BaseModel):
-    """A section of the settings: immutable, unknown keys refused."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid")
 
 
 class SyntheticSettings(Section):
@@ -191,63 +192,6 @@ class CalibrateSettings(Section):
         """Every name means a model."""
         _refuse_unknown("models", *self.models)
         return self
-
-
-class LossSettings(Section):
-    """Losses (equations.md 4)."""
-
-    v_ref_av: Annotated[float, Field(gt=0, le=100, description="reference speed of the AV [m/s]")] = (
-        TABLE3_MEANS.v_desire
-    )
-    v_ref_hv: Annotated[float, Field(gt=0, le=100, description="reference speed of the followers [m/s]")] = (
-        TABLE3_MEANS.v_desire
-    )
-    comfort_scale: Annotated[float, Field(gt=0, description="N_c: divides the comfort sums [m/s^3]")] = 8.0
-    efficiency_scale: Annotated[float, Field(gt=0, description="N_e: divides the efficiency sums [m/s]")] = (
-        TABLE3_MEANS.v_desire
-    )
-    reference: Annotated[
-        Literal["desired", "one-sided", "own"],
-        Field(description="|v - v_ref|; only below v_ref; v_ref = speed at t_start"),
-    ] = "desired"
-    aggregation: Annotated[
-        Literal["weighted", "sum"], Field(description="followers' losses weighted by equation 17, or summed")
-    ] = "weighted"
-    handover: Annotated[
-        Literal["uncounted", "counted"],
-        Field(
-            description="step of the AV's command onto its drive by LCM: not counted, or from 0 (equations.md 4.7)"
-        ),
-    ] = "counted"
-    omega_av: Annotated[
-        float, Field(gt=0, lt=1, description="weight of the AV in the local optimum (paper: 0.5)")
-    ] = 0.5
-    horizon_s: Annotated[
-        float,
-        Field(
-            ge=2,
-            le=60,
-            multiple_of=0.5,
-            description="H: accounted time of follower_horizon and equal; no manoeuvre lasts longer [s]",
-        ),
-    ] = 15.0
-
-
-class ConstraintSettings(Section):
-    """Limits of a plan (equations.md 5.1)."""
-
-    v_min: Annotated[float, Field(ge=0, le=50, description="lowest speed [m/s]; 0.8 v0 where that is lower")] = 5.0
-    v_max: Annotated[float, Field(gt=0, le=100, description="highest speed [m/s]")] = 50.0
-    acceleration: Annotated[float, Field(gt=0, le=50, description="limit of |a_x| and |a_y| [m/s^2]")] = 8.0
-    jerk: Annotated[float, Field(gt=0, le=200, description="limit of |j_x| and |j_y| [m/s^3]")] = 8.0
-    ellipse: Annotated[
-        Literal["circumscribed", "paper"],
-        Field(description="semi-axes: box over sqrt 2, or the paper's 2.5 m and 1.0 m"),
-    ] = "circumscribed"
-    contacts: Annotated[
-        Literal["all", "av"],
-        Field(description="all: nobody may drive through the vehicle ahead; av: only the AV's ellipse counts"),
-    ] = "all"
 
 
 class FollowerSettings(Section):

@@ -9,8 +9,8 @@ from made_responses import made
 from highd_lc.core.lcm import lcm_acceleration
 from highd_lc.drivers import population
 from highd_lc.drivers.population import CONSTANTS, NAMES, PRIOR, Population
-from highd_lc.drivers.prediction import CrossFit, folds
-from highd_lc.drivers.responses import Responses, simulate
+from highd_lc.drivers.prediction import CrossFit
+from highd_lc.drivers.responses import Responses, folds, simulate
 from highd_lc.vocab import names
 from highd_lc.vocab.driver import PARAMETERS
 

@@ -6,7 +6,8 @@ import pytest
 
 from highd_lc.io import settings as settings_file
 from highd_lc.vocab.errors import SettingsError
-from highd_lc.vocab.settings import Section, Settings
+from highd_lc.vocab.sections import Section
+from highd_lc.vocab.settings import Settings
 
 SHIPPED = sorted(path.stem for path in settings_file.pipelines_folder().glob("*.toml") if path.stem != "scenarios")
 

@@ -8,7 +8,8 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from highd_lc.planning.candidates import LossTerms, Outcomes
+from highd_lc.core.losses import LossTerms
+from highd_lc.planning.candidates import Outcomes
 from highd_lc.planning.contacts import NO_CONTACT
 from highd_lc.planning.scene import MOMENT, PackedScene
 from highd_lc.vocab.driver import TABLE3_MEANS

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from highd_lc.core.quintic import Quintic, sample, speed_extrema
 from highd_lc.planning.limits import CONSTRAINTS, Limits, forward_interval, limits, margins, violation, violations
-from highd_lc.vocab.settings import ConstraintSettings
+from highd_lc.vocab.sections import ConstraintSettings
 
 LIMIT = Limits(v_min=5.0, v_max=50.0, acceleration=8.0, jerk=8.0)
 

@@ -12,7 +12,8 @@ from highd_lc.planning.scene import contact_words
 from highd_lc.planning.start_planner import plan_starts
 from highd_lc.scoring.cross_scores import drawn_followers, idm_followers
 from highd_lc.vocab import names
-from highd_lc.vocab.settings import ConstraintSettings, FollowerSettings, ValidateSettings
+from highd_lc.vocab.sections import ConstraintSettings
+from highd_lc.vocab.settings import FollowerSettings, ValidateSettings
 
 SETTINGS = ValidateSettings()
 AS_IN_0_1_0 = ValidateSettings(

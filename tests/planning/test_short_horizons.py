@@ -9,13 +9,13 @@ from random_scenes import random_scene
 from highd_lc.planning import planner
 from highd_lc.planning.limits import pairs
 from highd_lc.planning.pool import Goal
-from highd_lc.planning.replay import human_motion
+from highd_lc.planning.replay import CONSTANT_T, human_motion
 from highd_lc.planning.scene import Human, NextLeader, target_leader_lengths
 from highd_lc.planning.sqp import multi_start
 from highd_lc.planning.start_planner import plan_starts
 from highd_lc.scoring import charges
 from highd_lc.scoring.uncertainty import with_predicted_leaders, with_replanning
-from highd_lc.stages.validate import _at_bound
+from highd_lc.stages.validate_samples import _at_bound
 from highd_lc.vocab import names
 from highd_lc.vocab.settings import ValidateSettings
 
@@ -57,7 +57,7 @@ def test_every_policy_is_planned_and_charged_within_the_accounted_time(H):
         row = charges.losses_at(losses, plan.accounting, problem.terms, n=plan.replay.av.n, dt=0.1)
         assert np.isfinite([row["loss_av"], row["loss_hv"]]).all()
         assert plan.replay.av.n <= last
-        own = {names.HUMAN: T_HUMAN}.get(plan.policy, planner.CONSTANT_T)
+        own = {names.HUMAN: T_HUMAN}.get(plan.policy, CONSTANT_T)
         if plan.status == names.REFERENCE:
             assert plan.replay.av.n * 0.1 == pytest.approx(min(own, H))
             assert _at_bound(problem, plan) == (["T"] if own > H else [])

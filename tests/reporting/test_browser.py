@@ -8,7 +8,7 @@ from sample_event import infeasible_event, sample_event, unplanned_event
 from sample_prediction import nobody, sample_prediction
 from sample_run import calibration, matrix, recordings, sample_run, sample_summary
 from sample_studies import studies
-from test_pages_prediction import trace
+from test_pages_event import trace
 from test_pages_start import foresight, tiles
 
 from highd_lc.reporting.pages_data import data_page, excluded_page

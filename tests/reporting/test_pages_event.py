@@ -5,8 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from sample_event import EVENT_ID, infeasible_event, sample_event, unplanned_event
+from sample_prediction import DEFAULT
+from test_pages_population import rows_of
 
-from highd_lc.reporting.event import gain
+from highd_lc.reporting import html
+from highd_lc.reporting.event import PredictionTrace, gain
 from highd_lc.reporting.event_rows import LOSS_COLUMNS
 from highd_lc.reporting.pages_event import Links, event_page
 from highd_lc.vocab import names
@@ -128,3 +131,28 @@ def test_raw_pages_warn():
 def test_model_error_stands_beside_the_effect():
     text = text_of(event_page(sample_event(), Links()))
     assert "loss 11.25 recorded, 10.50 simulated, a difference of −0.75" in text
+
+
+def trace() -> PredictionTrace:
+    t = np.arange(0, 8.05, 0.1)
+    recorded = 28.0 - 0.1 * t
+    gone = np.where(t > 6.0, np.nan, recorded + 0.5)
+    return PredictionTrace(t, recorded, {names.CONSTANT_SPEED: np.full(t.size, 28.0), DEFAULT: gone}, DEFAULT)
+
+
+def test_an_event_shows_each_model_s_error():
+    text = event_page(replace(sample_event(), prediction=trace()), Links())
+    rows = rows_of(text, after='id="h-prediction"')[1:3]
+    t = trace().t
+    assert rows[0] == ["constant speed", "8.0", "0.8", html.number(np.sqrt(np.mean((0.1 * t) ** 2)), 1)]
+    assert rows[1] == ["population (plans)", "6.0", "0.5", "0.5"]
+
+
+def test_an_event_without_such_motion_has_no_such_section():
+    assert "h-prediction" not in event_page(sample_event(), Links())
+
+
+def test_a_model_out_of_view_has_dashes():
+    nowhere = replace(trace(), models={"mine": np.full(trace().t.size, np.nan)})
+    text = event_page(replace(sample_event(), prediction=nowhere), Links())
+    assert rows_of(text, after='id="h-prediction"')[1] == ["mine", "–", "–", "–"]

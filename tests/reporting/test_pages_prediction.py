@@ -29,12 +29,12 @@ from test_pages_population import rows_of
 
 from highd_lc.reporting import figures_prediction as figures
 from highd_lc.reporting import html, labels
-from highd_lc.reporting.event import PredictionTrace
+from highd_lc.reporting.follower_words import believed_section
 from highd_lc.reporting.pages_data import Section
 from highd_lc.reporting.pages_event import Links, event_page
 from highd_lc.reporting.pages_index import index_page, summary_page
 from highd_lc.reporting.pages_population import matrix_page
-from highd_lc.reporting.pages_prediction import believed_section, prediction_page
+from highd_lc.reporting.pages_prediction import prediction_page
 from highd_lc.reporting.pages_studies import studies_page
 from highd_lc.reporting.terminal import aims_table, prediction_lines, prediction_table
 from highd_lc.vocab import names
@@ -376,28 +376,3 @@ def test_navigation_leaves_out_what_is_not_made():
     assert "prediction.html" not in event
     assert 'href="../summary.html"' in event
     assert html.without(whole, []) == whole
-
-
-def trace() -> PredictionTrace:
-    t = np.arange(0, 8.05, 0.1)
-    recorded = 28.0 - 0.1 * t
-    gone = np.where(t > 6.0, np.nan, recorded + 0.5)
-    return PredictionTrace(t, recorded, {names.CONSTANT_SPEED: np.full(t.size, 28.0), DEFAULT: gone}, DEFAULT)
-
-
-def test_an_event_shows_each_model_s_error():
-    text = event_page(replace(sample_event(), prediction=trace()), Links())
-    rows = rows_of(text, after='id="h-prediction"')[1:3]
-    t = trace().t
-    assert rows[0] == ["constant speed", "8.0", "0.8", shown(np.sqrt(np.mean((0.1 * t) ** 2)), 1)]
-    assert rows[1] == ["population (plans)", "6.0", "0.5", "0.5"]
-
-
-def test_an_event_without_such_motion_has_no_such_section():
-    assert "h-prediction" not in event_page(sample_event(), Links())
-
-
-def test_a_model_out_of_view_has_dashes():
-    nowhere = replace(trace(), models={"mine": np.full(trace().t.size, np.nan)})
-    text = event_page(replace(sample_event(), prediction=nowhere), Links())
-    assert rows_of(text, after='id="h-prediction"')[1] == ["mine", "–", "–", "–"]

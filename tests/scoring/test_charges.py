@@ -12,7 +12,8 @@ from highd_lc.planning.replay import plan_motion, replay
 from highd_lc.scoring import charges
 from highd_lc.vocab import names
 from highd_lc.vocab.policy import ACCOUNTINGS
-from highd_lc.vocab.settings import LossSettings, ValidateSettings
+from highd_lc.vocab.sections import LossSettings
+from highd_lc.vocab.settings import ValidateSettings
 
 
 @pytest.fixture(

@@ -11,7 +11,8 @@ from highd_lc.scoring import charges
 from highd_lc.scoring.cross_scores import av_charged, drawn_followers, idm_followers
 from highd_lc.scoring.uncertainty import with_parameters
 from highd_lc.vocab import names
-from highd_lc.vocab.settings import LossSettings, PlannerSettings, ValidateSettings
+from highd_lc.vocab.sections import LossSettings
+from highd_lc.vocab.settings import PlannerSettings, ValidateSettings
 
 SETTINGS = [
     ValidateSettings(),

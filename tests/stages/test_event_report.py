@@ -4,7 +4,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from highd_lc.stages.event_report import prediction_trace
+from highd_lc.stages.trajectories import prediction_trace
 from highd_lc.vocab import names
 from highd_lc.vocab.tables import TABLES
 

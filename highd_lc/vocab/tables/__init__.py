@@ -15,6 +15,7 @@ from highd_lc.vocab.tables.robust import ROBUST_TABLES
 from highd_lc.vocab.tables.scenarios import SCENARIO_TABLES
 from highd_lc.vocab.tables.studies import STUDY_TABLES
 from highd_lc.vocab.tables.summaries import (
+    EVENT_PAGES,
     FIT_TABLES,
     LEADERBOARD,
     OTHER_PLANS,
@@ -22,6 +23,7 @@ from highd_lc.vocab.tables.summaries import (
     SAFETY_TABLES,
     SUMMARY_LCM,
     SUMMARY_LOSSES,
+    TRACKING,
     VALIDATION_MATRIX,
 )
 from highd_lc.vocab.tables.truth import TRUTH
@@ -355,59 +357,6 @@ LOSSES = Table(
     ),
 )
 
-TRACKING = Table(
-    "tracking",
-    "event, follower model, policy and plant",
-    ("recording_id", "event_id", "followers", "policy", "plant"),
-    (
-        _EVENT,
-        _RECORDING,
-        _FOLLOWER_MODEL,
-        _POLICY,
-        _word("plant", "kinematic bicycle or multi-body car", ("kinematic", "multi_body")),
-        _word("status", "tracked, or why not"),
-        _word("contact", "who drives through whom around the tracked motion, 0..H; empty = nobody"),
-        _number("rmse_lateral_m", "lateral tracking error", "m", minimum=0),
-        _number("max_lateral_m", "largest lateral tracking error", "m", minimum=0),
-        _number("rmse_longitudinal_m", "longitudinal tracking error", "m", minimum=0),
-        _number("rmse_heading_rad", "heading error", "rad", minimum=0),
-        _number("max_slack", "largest slack of the input bounds", minimum=0),
-        Column("qp_failures", "int64", "control steps whose QP was not solved; null = not driven", "", True, 0),
-        _number("loss_av_tracked", "AV's loss of the tracked motion over 0..T", minimum=0),
-        _number("loss_av_planned", "AV's loss of the planned motion over the same samples", minimum=0),
-        _number(
-            "loss_hv_tracked",
-            "followers' loss behind the tracked motion over 0..H; null after a contact",
-            minimum=0,
-        ),
-        _number("loss_hv_planned", "followers' loss behind the planned motion over 0..H", minimum=0),
-        _number("min_clearance_tracked_m", "smallest ellipse distance around the tracked motion, 0..H", "m"),
-        _number("min_clearance_planned_m", "smallest ellipse distance around the planned motion, 0..H", "m"),
-        Column(
-            "violations",
-            "list<string>",
-            "constraints that the tracked motion violates; null = not driven",
-            nullable=True,
-        ),
-    ),
-)
-
-EVENT_PAGES = Table(
-    "event_pages",
-    "event with a page",
-    ("recording_id", "event_id"),
-    (
-        _EVENT,
-        _RECORDING,
-        Column("png", "bool", "whether a PNG lies beside the page"),
-        Column(
-            "hv1_speed_benchmark", "list<float64>", "simulated speed of HV 1, once a second [m/s]; empty = no plan"
-        ),
-        Column("hv1_speed_local", "list<float64>", "the same under the local optimum [m/s]"),
-        _number("hv1_spacing_m", "spacing of HV 1 to the ego at t_start, front to front", "m"),
-        _number("hv1_speed_difference_mps", "speed of HV 1 minus the ego's at t_start", "m/s"),
-    ),
-)
 
 TABLES: Final = {
     table.name: table

@@ -5,7 +5,7 @@ from typing import Final
 from highd_lc.vocab import names
 from highd_lc.vocab.policy import CHOOSING_START, OPTIMAL_POLICIES, PAIRS, ROBUST_PAIRS
 from highd_lc.vocab.tables.columns import Column, Table, count, number, word
-from highd_lc.vocab.tracking import PLANTS
+from highd_lc.vocab.tables.summaries import TRACKING_SUMMARY
 
 IDM_MOTORWAY: Final = "idm_motorway"
 DRAWN: Final = "drawn"
@@ -369,34 +369,6 @@ SOLVER_SUMMARY = Table(
     ),
 )
 
-TRACKING_SUMMARY = Table(
-    "tracking_summary",
-    "policy and plant",
-    ("plant", "policy"),
-    (
-        word("policy", "whose plans are driven", names.POLICIES),
-        word("plant", "kinematic bicycle (all events) or multi-body car (a sample)", PLANTS),
-        count("n_driven", "plans driven"),
-        count("not_driven", "events without a plan, or with one that cannot be driven; not in what follows"),
-        count("lost", "of the plans driven, those whose car leaves its lane or falls behind"),
-        count("softened", "of them, those that softened the bounds of the input"),
-        count("qp_failures", "control steps whose QP was not solved, all together"),
-        number("rmse_lateral_median_m", "median over plans of the lateral RMSE", "m", minimum=0),
-        number("rmse_lateral_largest_m", "largest lateral RMSE", "m", minimum=0),
-        number("max_lateral_m", "largest lateral error of any plan at any moment", "m", minimum=0),
-        *(
-            number(f"loss_{side}_{motion}", f"mean loss of the {who}, {motion} motion over {time}", minimum=0)
-            for side, who, time in (("av", "AV", "0..T"), ("hv", "followers", "0..H"))
-            for motion in ("planned", "tracked")
-        ),
-        number("share_violating", "share of them whose tracked motion breaks a constraint", minimum=0, maximum=1),
-        count(
-            "contacts", "of the plans driven, those around whose tracked motion somebody drives through another"
-        ),
-        number("share_touching", "share of them whose tracked ellipse touches another", minimum=0, maximum=1),
-        number("share_touching_planned", "the same of the planned motion, at its samples", minimum=0, maximum=1),
-    ),
-)
 
 STUDY_TABLES: Final = (
     TRACKING_SUMMARY, CROSS_LOSSES, CROSS_SCORES, GAIN_MAP, LEAVE_ONE_OUT, WORSE_FOR_SOMEBODY, HORIZON_LOSSES,

@@ -7,6 +7,7 @@ from highd_lc.vocab.driver import PARAMETERS
 from highd_lc.vocab.policy import PAIRS, ROBUST_PAIRS
 from highd_lc.vocab.safety import PROFILES
 from highd_lc.vocab.tables.columns import Column, Table, count, number, word
+from highd_lc.vocab.tracking import PLANTS
 
 BELIEVED: Final = "believed"
 WEAK: Final = "weak"
@@ -290,5 +291,91 @@ LEADERBOARD = Table(
         number("max_drac", "mean of the largest deceleration rate to avoid a crash, where there is one", "m/s²"),
         number("peak_follower_decel", "mean of the strongest braking of a follower", "m/s²"),
         number("rmse_lateral_m", "mean lateral tracking error", "m", minimum=0),
+    ),
+)
+
+
+TRACKING = Table(
+    "tracking",
+    "event, follower model, policy and plant",
+    ("recording_id", "event_id", "followers", "policy", "plant"),
+    (
+        word("event_id", "RR-VVVV-FFFFF: recording, ego, crossing frame"),
+        Column("recording_id", "int64", "number in the recording's file name", minimum=0),
+        word("followers", "follower model that planned and scored the row (equations.md 3)"),
+        _POLICY,
+        word("plant", "kinematic bicycle or multi-body car", ("kinematic", "multi_body")),
+        word("status", "tracked, or why not"),
+        word("contact", "who drives through whom around the tracked motion, 0..H; empty = nobody"),
+        number("rmse_lateral_m", "lateral tracking error", "m", minimum=0),
+        number("max_lateral_m", "largest lateral tracking error", "m", minimum=0),
+        number("rmse_longitudinal_m", "longitudinal tracking error", "m", minimum=0),
+        number("rmse_heading_rad", "heading error", "rad", minimum=0),
+        number("max_slack", "largest slack of the input bounds", minimum=0),
+        Column("qp_failures", "int64", "control steps whose QP was not solved; null = not driven", "", True, 0),
+        number("loss_av_tracked", "AV's loss of the tracked motion over 0..T", minimum=0),
+        number("loss_av_planned", "AV's loss of the planned motion over the same samples", minimum=0),
+        number(
+            "loss_hv_tracked",
+            "followers' loss behind the tracked motion over 0..H; null after a contact",
+            minimum=0,
+        ),
+        number("loss_hv_planned", "followers' loss behind the planned motion over 0..H", minimum=0),
+        number("min_clearance_tracked_m", "smallest ellipse distance around the tracked motion, 0..H", "m"),
+        number("min_clearance_planned_m", "smallest ellipse distance around the planned motion, 0..H", "m"),
+        Column(
+            "violations",
+            "list<string>",
+            "constraints that the tracked motion violates; null = not driven",
+            nullable=True,
+        ),
+    ),
+)
+
+
+EVENT_PAGES = Table(
+    "event_pages",
+    "event with a page",
+    ("recording_id", "event_id"),
+    (
+        word("event_id", "RR-VVVV-FFFFF: recording, ego, crossing frame"),
+        Column("recording_id", "int64", "number in the recording's file name", minimum=0),
+        Column("png", "bool", "whether a PNG lies beside the page"),
+        Column(
+            "hv1_speed_benchmark", "list<float64>", "simulated speed of HV 1, once a second [m/s]; empty = no plan"
+        ),
+        Column("hv1_speed_local", "list<float64>", "the same under the local optimum [m/s]"),
+        number("hv1_spacing_m", "spacing of HV 1 to the ego at t_start, front to front", "m"),
+        number("hv1_speed_difference_mps", "speed of HV 1 minus the ego's at t_start", "m/s"),
+    ),
+)
+
+
+TRACKING_SUMMARY = Table(
+    "tracking_summary",
+    "policy and plant",
+    ("plant", "policy"),
+    (
+        word("policy", "whose plans are driven", names.POLICIES),
+        word("plant", "kinematic bicycle (all events) or multi-body car (a sample)", PLANTS),
+        count("n_driven", "plans driven"),
+        count("not_driven", "events without a plan, or with one that cannot be driven; not in what follows"),
+        count("lost", "of the plans driven, those whose car leaves its lane or falls behind"),
+        count("softened", "of them, those that softened the bounds of the input"),
+        count("qp_failures", "control steps whose QP was not solved, all together"),
+        number("rmse_lateral_median_m", "median over plans of the lateral RMSE", "m", minimum=0),
+        number("rmse_lateral_largest_m", "largest lateral RMSE", "m", minimum=0),
+        number("max_lateral_m", "largest lateral error of any plan at any moment", "m", minimum=0),
+        *(
+            number(f"loss_{side}_{motion}", f"mean loss of the {who}, {motion} motion over {time}", minimum=0)
+            for side, who, time in (("av", "AV", "0..T"), ("hv", "followers", "0..H"))
+            for motion in ("planned", "tracked")
+        ),
+        number("share_violating", "share of them whose tracked motion breaks a constraint", minimum=0, maximum=1),
+        count(
+            "contacts", "of the plans driven, those around whose tracked motion somebody drives through another"
+        ),
+        number("share_touching", "share of them whose tracked ellipse touches another", minimum=0, maximum=1),
+        number("share_touching_planned", "the same of the planned motion, at its samples", minimum=0, maximum=1),
     ),
 )
