@@ -1,7 +1,9 @@
 """The formats of recordings that can be read: one protocol, one module a format, chosen by what a folder holds."""
 
+import re
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Protocol
+from typing import ClassVar, Protocol
 
 from highd_lc.io import highd, highd_files, ngsim, ngsim_files
 from highd_lc.io.highd import Recording
@@ -16,6 +18,8 @@ class Format(Protocol):
     """A way in which somebody publishes recordings. All conventions of a format stay in its modules."""
 
     name: str
+    columns: ClassVar[Mapping[str, str]]
+    """Of HighD's columns, those of the file that take their place, where their names differ."""
 
     def found_in(self, data: Path) -> bool:
         """Whether a folder, or one below it, holds a file of this format."""
@@ -43,6 +47,7 @@ class _HighD:
     """HighD: three CSV files a recording (see ``io.highd``)."""
 
     name = "highd"
+    columns: ClassVar[Mapping[str, str]] = {}
 
     def found_in(self, data: Path) -> bool:
         return bool(highd_files.any_in(data))
@@ -70,6 +75,7 @@ class _Ngsim:
     """NGSIM as US DOT publishes it: one file with all columns, one or several periods in it (see ``io.ngsim``)."""
 
     name = "ngsim"
+    columns: ClassVar[Mapping[str, str]] = ngsim_files.PLACE_OF
 
     def found_in(self, data: Path) -> bool:
         return bool(ngsim_files.find_files(data))
@@ -110,3 +116,8 @@ def format_of(data: Path, name: str) -> Format:
     if name != HIGHD.name and not FORMATS[name].found_in(data):
         raise fault(data, f"no file of the format {name}, here or in a folder below")
     return FORMATS[name]
+
+
+def in_words_of(known: Format, text: str) -> str:
+    """A text that names HighD's columns, with the names of a format's own; width and height are words in it."""
+    return re.sub(r"\b(?!width\b|height\b)\w+\b", lambda word: known.columns.get(word[0], word[0]), text)

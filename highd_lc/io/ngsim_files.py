@@ -12,7 +12,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any, Final, NoReturn
 
 import numpy as np
 import pandas as pd
@@ -27,6 +27,15 @@ from highd_lc.vocab.errors import InputError
 
 Block = dict[str, NDArray[Any]]
 """Columns of some rows of a file, by NGSIM's names as US DOT documents them."""
+
+PLACE_OF: Final = {
+    "laneId": "Lane_ID", "precedingId": "Preceding", "followingId": "Following", "dhw": "Space_Headway",
+    "xVelocity": "v_Vel", "xAcceleration": "v_Acc", "x": "Local_Y", "y": "Local_X", "yVelocity": "Local_X",
+    "yAcceleration": "Local_X", "width": "v_Length", "height": "v_Width", "class": "v_Class",
+    "numFrames": "Total_Frames", "initialFrame": "Frame_ID", "finalFrame": "Frame_ID",
+    "drivingDirection": "Local_Y", "upperLaneMarkings": "Local_X", "lowerLaneMarkings": "Local_X",
+}  # fmt: skip
+"""The column that takes the place of each of HighD's: there x is along the road, and a box's width its length."""
 
 FRAME_MS = 100
 """Milliseconds between two frames: 10 Hz."""

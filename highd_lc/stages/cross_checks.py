@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from highd_lc.extraction import data_quality
 from highd_lc.extraction.data_quality import Seconds, VehicleFacts
-from highd_lc.io.formats import format_of
+from highd_lc.io.formats import Format, format_of, in_words_of
 from highd_lc.io.highd import Recording
 from highd_lc.vocab import names
 from highd_lc.vocab.cross_checks import CROSS_CHECKS, META, TRACKS, VEHICLES, CrossCheck
@@ -72,8 +72,10 @@ class Verdict:
     is_error: bool
 
 
-def verdicts(found: dict[str, Finding], own: IntArray, *, direction: int, files: dict[str, Path]) -> list[Verdict]:
-    """The checks that more vehicles of a direction fail than are let pass. files: by kind."""
+def verdicts(
+    found: dict[str, Finding], own: IntArray, *, direction: int, files: dict[str, Path], said: Format
+) -> list[Verdict]:
+    """The checks that more vehicles of a direction fail than are let pass. files: by kind; said: names columns."""
     failed = []
     for name, check in CROSS_CHECKS.items():
         wrong, total = found[name].wrong(own), int(found[name].known[own].sum())
@@ -82,8 +84,10 @@ def verdicts(found: dict[str, Finding], own: IntArray, *, direction: int, files:
             continue
         count = f"{len(wrong)} of {total} vehicles"
         cause = found[name].cause(wrong)
-        place = f"{files[check.file]}: column{'s' * (',' in check.column)} {check.column!r}"
-        text = f"{place}: {count} of direction {direction} {check.words}{f': {cause}' if cause else ''}"
+        column = ", ".join(dict.fromkeys(said.columns.get(one, one) for one in check.column.split(", ")))
+        words = in_words_of(said, f"{check.words}{f': {cause}' if cause else ''}")
+        place = f"{files[check.file]}: column{'s' * (',' in column)} {column!r}"
+        text = f"{place}: {count} of direction {direction} {words}"
         failed.append(Verdict(check, f"{name} ({count})", text, is_error))
     return failed
 

@@ -14,7 +14,7 @@ from highd_lc.extraction.lateral_motion import Rule
 from highd_lc.extraction.roles import NOBODY
 from highd_lc.extraction.track_index import ABSENT, TrackIndex, Traffic
 from highd_lc.io import artefacts, highd
-from highd_lc.io.formats import format_of
+from highd_lc.io.formats import format_of, in_words_of
 from highd_lc.io.highd import TrackArrays
 from highd_lc.vocab import names
 from highd_lc.vocab.errors import InputError
@@ -71,7 +71,7 @@ def _refuse_unconfirmed(job: Job, confirmed: int, n_events: int) -> None:
         found, wrong = format_of(job.data, job.settings.ingest.format), n_events - confirmed
         path = found.input_files(job.data, job.recording)[2]
         text = f"names others than the vehicles ahead in {wrong} of {n_events} lane changes"
-        raise InputError(f"{path}: column 'precedingId': {text}")
+        raise InputError(f"{path}: column {in_words_of(found, 'precedingId')!r}: {text}")
 
 
 def _load(job: Job) -> _Recording:

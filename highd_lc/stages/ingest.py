@@ -154,11 +154,12 @@ def _quality(recording: Recording, job: Job) -> tuple[pd.DataFrame, list[Verdict
         length=metas.length,
     )
     found, files = findings(recording, facts), files_by_kind(job)
+    said = format_of(job.data, settings.format)
     rows: list[dict[str, object]] = []
     failed: list[Verdict] = []
     for direction in np.unique(metas.direction).tolist():
         own = np.flatnonzero(metas.direction == direction)
-        failed += (own_failed := verdicts(found, own, direction=direction, files=files))
+        failed += (own_failed := verdicts(found, own, direction=direction, files=files, said=said))
         rows.append(
             {
                 **_road(recording, direction),

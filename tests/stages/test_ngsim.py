@@ -1,13 +1,19 @@
 """NGSIM's formats: what the synthetic carriageway comes to when it is written in each and read again."""
 
+import re
+
 import numpy as np
 import pandas as pd
 import pytest
 import running
 from ngsim_recording import FOOT, STARTS, carriageway, table, write_csv, write_portal, write_text
 
+from highd_lc.extraction.data_quality import vehicle_facts
 from highd_lc.io import ngsim
 from highd_lc.io.formats import format_of
+from highd_lc.io.ngsim_files import FIELDS, PLACE_OF
+from highd_lc.stages import cross_checks
+from highd_lc.vocab.cross_checks import CROSS_CHECKS, META, TRACKS, VEHICLES
 from highd_lc.vocab.errors import InputError
 from highd_lc.vocab.settings import IngestSettings
 
@@ -202,7 +208,7 @@ def test_gaps_are_held_against_the_space_headway(tmp_path, rows):
     assert quality["share_speed"] > 0.95
     wrong = rows.assign(Space_Headway=rows["Space_Headway"] + 20.0)
     write_csv(tmp_path / "other" / "us101.csv", wrong)
-    with pytest.raises(InputError, match="dhw"):
+    with pytest.raises(InputError, match="Space_Headway"):
         running.extracted(tmp_path / "other", tmp_path / "w2")
 
 
@@ -277,3 +283,41 @@ def test_ways_of_saving_that_change_nothing(tmp_path, rows, change):
     header, _, rest = path.read_text().partition("\n")
     path.write_text(change(f"{header}\n{rest}"), newline="")
     assert read(tmp_path).road.tracks.x.tolist() == expected.x.tolist()
+
+
+def test_checks_name_the_columns_of_the_file(tmp_path, rows):
+    wrong = rows.assign(
+        Preceding=np.where(rows["Preceding"] > 0, rows["Following"], 0), v_Acc=-2.0 * rows["v_Acc"]
+    )
+    write_csv(tmp_path / "us-101.csv", wrong)
+    quality = cross_checks.findings(found := read(tmp_path), facts_of(found))
+    said = format_of(tmp_path, "auto")
+    files = dict.fromkeys((META, VEHICLES, TRACKS), tmp_path / "us-101.csv")
+    own = np.arange(len(found.vehicles.id))
+    failed = cross_checks.verdicts(quality, own, direction=2, files=files, said=said)
+    texts = {verdict.check.name: verdict.text for verdict in failed}
+    assert "column 'Preceding'" in texts["leader_ids"]
+    assert "'v_Acc'" in texts["acceleration"]
+    assert "the change of v_Vel" in texts["acceleration"]
+    named = [text.partition(": ")[2] for text in texts.values()]
+    assert not [text for text in named if re.search(rf"\b({'|'.join(PLACE_OF)})\b", text)]
+
+
+def test_what_takes_the_place_of_a_column_is_there():
+    assert set(PLACE_OF.values()) <= {field.name for field in FIELDS}
+    counted = {"numLaneChanges", "minDHW", "minTHW", "traveledDistance"}  # that NGSIM does not hold
+    checked = {name for check in CROSS_CHECKS.values() for name in check.column.split(", ")}
+    assert checked - counted <= set(PLACE_OF)
+
+
+def facts_of(found):
+    tracks, metas = found.road.tracks, found.vehicles
+    return vehicle_facts(
+        tracks.index,
+        tracks.x,
+        vx=tracks.vx,
+        lane=tracks.lane,
+        leader_id=tracks.leader_id,
+        ids=metas.id,
+        length=metas.length,
+    )
