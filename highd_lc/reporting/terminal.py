@@ -44,11 +44,12 @@ def matrix_table(matrix: pd.DataFrame) -> Table:
         table.add_column(heading, justify="right", no_wrap=True)
     rows: Iterable[Any] = matrix[matrix["stratum"] == "all"].itertuples()
     for row in rows:
-        shares = (row.gain_incremental, row.gain_hv, row.gain_av, row.share_better, row.share_worse)
+        shares = (row.gain_hv, row.gain_av, row.share_better, row.share_worse)
         interval = _interval(row.gain_low, row.gain_high)
         counts = (str(row.n_events), str(row.infeasible))
         about = (row.followers, row.form, _SHORT[row.accounting]) if several else (row.form, row.accounting)
-        table.add_row(*about, *counts, _percent(row.gain), interval, *(_percent(s, 1) for s in shares))
+        gains = (_percent(row.gain), interval, _percent(row.gain_incremental))
+        table.add_row(*about, *counts, *gains, *(_percent(s, 1) for s in shares))
     return table
 
 

@@ -219,7 +219,8 @@ def _studentised(above: FloatArray, below: FloatArray, weights: FloatArray, rati
     drawn = weights @ above / total
     squares = weights @ above**2 - 2.0 * drawn * (weights @ (above * below)) + drawn**2 * (weights @ below**2)
     error = np.sqrt(count / (count - 1.0) * np.maximum(squares, 0.0)) / total
-    return np.divide(drawn - ratio, error, out=np.zeros_like(error), where=error > 0.0)
+    deviations: FloatArray = np.divide(drawn - ratio, error, out=np.zeros_like(error), where=error > 0.0)
+    return deviations
 
 
 def _quantiles(values: FloatArray, bootstrap: Bootstrap) -> Interval:
