@@ -116,12 +116,14 @@ def _usable(crossings: pd.DataFrame, column: str) -> str:
     )
 
 
-def _speeds(values: pd.Series) -> pd.Categorical:
+def _speeds(values: pd.Series) -> Any:
     names = [f"below {SPEED_CLASSES[0]:g} m/s"]
     names += [f"{a:g} to {b:g} m/s" for a, b in pairwise(SPEED_CLASSES)]
     names.append(f"from {SPEED_CLASSES[-1]:g} m/s")
     places = np.searchsorted(SPEED_CLASSES, values.astype(float), side="right")
-    return pd.Categorical.from_codes(np.where(values.notna(), places, -1), names, ordered=True)
+    return pd.Categorical.from_codes(
+        np.where(values.notna(), places, -1), pd.Index(names, dtype=object), ordered=True
+    )
 
 
 def multiplicity(matrix: pd.DataFrame, *, confidence: float) -> str:

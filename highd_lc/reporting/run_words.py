@@ -217,9 +217,15 @@ def _interval(run: RunTables, form: str, accounting: str) -> str:
 
 
 def _verdict(run: RunTables, cell: Any) -> Iterator[str]:
-    """What follows from the sign: nothing where the plan is chosen for the lowest total by who scores it."""
+    """What follows from the sign: nothing where the plan is chosen for the lowest total by who scores it.
+
+    That is said once, of the first form.
+    """
     if run.omega_av == _SAME_GOAL:
-        yield _FAULT if cell.gain < -run.tie_band else _CERTAIN
+        if cell.gain < -run.tie_band:
+            yield _FAULT
+        elif cell.form == _planned(run)[0]:
+            yield _CERTAIN
         return
     if html.is_missing(cell.gain_low):
         return
@@ -233,8 +239,9 @@ def _verdict(run: RunTables, cell: Any) -> Iterator[str]:
 _SAME_GOAL: Final = 0.5
 """Weight of the AV with which the local optimum minimises half of the total that is reported."""
 _CERTAIN: Final = (
-    "That it is not more was certain before: the plan is the one of the lowest total by the same simulated "
-    "followers that then score it. Only the size can be found out, and whether other followers say the same."
+    "That it is not more was certain before, here and in the other forms: the plan is the one of the lowest total "
+    "by the same simulated followers that then score it. Only the size can be found out, and whether other "
+    "followers say the same."
 )
 _FAULT: Final = (
     "That it is more cannot be: the plan is the one of the lowest total by the same simulated followers that then "
@@ -356,7 +363,7 @@ def _cautions(run: RunTables, forms: Sequence[str]) -> Iterator[str]:
     yield from _few_clusters(run, min(used), max(used))
     if len(set(run.recordings["location_id"])) == 1 and max(used) >= LEAST_CLUSTERS:
         yield "All recordings are of one location: the intervals vary over them, and say nothing of other places."
-    if len(forms) > 1:
+    if len(forms) > 1 and run.matrix["gain_low"].notna().any():
         yield multiplicity(run.matrix, confidence=run.confidence)
     yield from (text for form in forms for text in _few_events(run, form))
 

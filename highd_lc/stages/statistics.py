@@ -275,8 +275,7 @@ def _with_reference(
     apart = found["contact"].eq("") if "contact" in found else pd.Series(False, pair.index)
     totals = {f"{p}unchanged": found[f"loss_{q}"].astype(float) for p, q in (("", "total"), ("hv_", "hv"))}
     known = {name: values.where(apart) for name, values in totals.items()}
-    about = {name: events[name].reindex(pair.index) for name in ("weight", "leader_seen_s") if name in events}
-    about = dict.fromkeys(("weight", "leader_seen_s"), np.nan) | about
+    about = {name: events[name].reindex(pair.index) for name in ("weight", "leader_seen_s")}
     return pair.assign(cluster=clusters_of(events, settings).reindex(pair.index), **known, **about)
 
 
