@@ -39,7 +39,7 @@ CELL_COLOURS: Final = {
 
 
 def matrix_figure(matrix: pd.DataFrame) -> Figure:
-    """Gain of the local optimum by form and accounting, all events: point, bootstrap interval, and its two sides.
+    """Gain of the local optimum by form and accounting, all events: point, interval, and its two sides.
 
     matrix: rows of ``validation_matrix``.
     """

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from highd_lc.reporting import figures_population as figures
 from highd_lc.reporting import html, labels
+from highd_lc.reporting.certainty_words import beside
 from highd_lc.reporting.figures_population import ALL
 from highd_lc.reporting.figures_studies import gain_map_figure
 from highd_lc.reporting.pages_data import (
@@ -103,15 +104,20 @@ def index_page(tables: IndexTables, *, raw: bool = False, says: str = "", believ
 
 
 def _matrix(matrix: pd.DataFrame) -> list[tuple[str, list[str]]]:
-    """Gain and interval over all events by form (rows) and accounting (columns)."""
+    """Gain over all events, and that of the added loss, by form (rows) and accounting (columns)."""
     whole = {(row.form, row.accounting): row for row in matrix[matrix["stratum"] == ALL].itertuples(index=False)}
     present = [form for form in PAIRS if (form, names.PRIMARY_ACCOUNTING) in whole]
-    return [(labels.FORMS[form], [_interval(whole[form, a]) for a in _ACCOUNTINGS]) for form in present]
-
-
-def _interval(row: Any) -> str:
-    low, high = (html.number(100 * bound, 2) for bound in (row.gain_low, row.gain_high))
-    return f"{html.percent(row.gain)} ({low} to {high})"
+    return [
+        row
+        for form in present
+        for row in (
+            (labels.FORMS[form], [beside(whole[form, a]) for a in _ACCOUNTINGS]),
+            (
+                "the same, of what the change adds",
+                [beside(whole[form, a], "gain_incremental") for a in _ACCOUNTINGS],
+            ),
+        )
+    ]
 
 
 def _key(cell: tuple[str, str]) -> str:
@@ -299,7 +305,7 @@ def _losses_section(tables: SummaryTables) -> Section:
         figures.loss_bars(tables.losses),
         "Mean loss of AV and followers by policy, under each accounting; numbers in the table.",
     )
-    caption = "Paired differences under the accounting “equal”; intervals are bootstraps over recordings."
+    caption = "Paired differences under the accounting “equal”; intervals over recordings, none below five."
     # Of nothing no share can be taken: sums that are 0 but for rounding have no ratio.
     nothing = primary["mean_against"].abs() < _NOTHING
     primary = primary.assign(

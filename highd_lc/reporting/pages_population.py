@@ -12,6 +12,7 @@ from markupsafe import Markup
 
 from highd_lc.reporting import figures_population as figures
 from highd_lc.reporting import html, labels
+from highd_lc.reporting.certainty_words import multiplicity, no_interval
 from highd_lc.reporting.figures_population import ALL, start_figure
 from highd_lc.reporting.pages_data import Column, Section, TableView, overview_page, percentage, table_view
 from highd_lc.vocab import names
@@ -29,8 +30,13 @@ _MATRIX_COLUMNS: Final = (
     percentage("gain", "Gain"),
     percentage("gain_low", "from"),
     percentage("gain_high", "to"),
+    percentage("gain_incremental", "Gain of what the change adds"),
+    percentage("gain_incremental_low", "from"),
+    percentage("gain_incremental_high", "to"),
     percentage("gain_hv", "Gain of followers"),
     percentage("gain_av", "Gain of AV"),
+    percentage("share_top", "Carried by 5 % of events", 0),
+    percentage("gain_reweighted", "Gain, as found on the road"),
     percentage("median_difference", "Median change of loss"),
     percentage("hodges_lehmann", "the same, Hodges-Lehmann"),
     percentage("share_differ", "Plans differ", 1),
@@ -42,8 +48,10 @@ _FOLLOWERS: Final = Column("followers_label", "Followers")
 _SEVERAL: Final = " First the follower model that plans every event, then others on a sample of the events."
 _MATRIX_LEAD: Final = (
     "How much lower the total loss of AV and followers is under the local optimum than under the benchmark, "
-    "which minimises the AV's loss alone. Gain = 1 − ratio of the sums over all events; the interval is a "
-    "bootstrap over recordings.",
+    "which minimises the AV's loss alone. Gain = 1 − ratio of the sums over all events; intervals vary over "
+    "recordings. What the change adds is the loss above that of no lane change, where both are charged over the "
+    "same time (“equal”). As found on the road: each event counted as often as lane-id changes of its class, "
+    "direction and speed were found.",
     "Form (whether the end speed is free, and the start chosen) and accounting decide the answer, so every "
     "combination is shown. Under “paper” both sides are charged until the manoeuvre ends, at T, which rewards a "
     "short T; under “follower horizon” the followers are charged over a longer time H, and the AV may end fast at "
@@ -59,15 +67,23 @@ class PriceTables:
     safety_violations: pd.DataFrame
 
 
-def matrix_page(matrix: pd.DataFrame, first: Sequence[Section] = (), *, price: PriceTables | None = None) -> str:
+def matrix_page(
+    matrix: pd.DataFrame,
+    first: Sequence[Section] = (),
+    *,
+    price: PriceTables | None = None,
+    confidence: float = 0.95,
+) -> str:
     """The validation matrix: form x accounting, then by stratum for the default follower model.
 
-    matrix: ``validation_matrix``; first: what stands in front; price: of the safety profile, if it is known.
+    matrix: ``validation_matrix``; first: what stands in front; price: of the safety profile, if it is known;
+    confidence: coverage of the intervals.
     """
     whole, *strata = _matrix_sections(with_labels(matrix))
     priced = [] if price is None or price.safety_price.empty else [price_section(price)]
     sections = [*first, whole, *priced, *strata]
-    return overview_page("matrix.html", "Validation matrix", sections, _MATRIX_LEAD)
+    lead = (*_MATRIX_LEAD, multiplicity(matrix, confidence=confidence))
+    return overview_page("matrix.html", "Validation matrix", sections, lead)
 
 
 def with_labels(matrix: pd.DataFrame) -> pd.DataFrame:
@@ -100,9 +116,17 @@ def matrix_section(matrix: pd.DataFrame) -> Section:
         "All events",
         figure=figure,
         caption="Dot: gain of the total, with its interval; bar: of the AV alone; cross: of the followers alone."
-        + _SEVERAL * several,
+        + _SEVERAL * several
+        + _without_interval(whole),
         tables=(table_view(whole, (*((_FOLLOWERS,) if several else ()), *_MATRIX_COLUMNS)),),
     )
+
+
+def _without_interval(whole: pd.DataFrame) -> str:
+    """Why rows have no interval, each reason once."""
+    missing = whole[whole["gain_low"].isna() & whole["gain"].notna()]
+    reasons = dict.fromkeys(no_interval(n) for n in missing["n_clusters"])
+    return "".join(f" {reason.capitalize()}." for reason in reasons)
 
 
 _PRICE_COLUMNS: Final = (

@@ -122,7 +122,7 @@ def _horizon_section(sensitivity: pd.DataFrame) -> Section:
         figures.horizon_figure(sensitivity),
         "Gain over the accounted time H by form and accounting, with intervals.",
     )
-    text = ("Over a sample of events. Bands: bootstrap intervals over recordings.",)
+    text = ("Over a sample of events. Bands: intervals over recordings, none below five.",)
     folded = (table_view(_labelled(sensitivity), columns, "All numbers"),)
     return Section("Sensitivity to the accounted time", text, figure, folded=folded, anchor="horizon")
 

@@ -11,7 +11,19 @@ from typing import Any, Final
 import pandas as pd
 
 from highd_lc.reporting import html, labels
+from highd_lc.reporting.certainty_words import (
+    amount,
+    between,
+    change,
+    concentration,
+    counted,
+    incremental,
+    interval,
+    multiplicity,
+    selection,
+)
 from highd_lc.reporting.figures_population import ALL
+from highd_lc.scoring.population import BOOTSTRAP_T, LEAST_CLUSTERS, PERCENTILE, STUDENT
 from highd_lc.vocab import names
 from highd_lc.vocab.policy import PAIRS
 from highd_lc.vocab.tables.studies import TOGETHER
@@ -19,8 +31,6 @@ from highd_lc.vocab.tables.studies import TOGETHER
 Said = tuple[str, tuple[str, ...]]
 """A heading of few words, and the paragraphs below it."""
 
-FEW_RECORDINGS: Final = 10
-"""Below this many, a bootstrap over recordings has too few of them to draw from for its interval to be trusted."""
 FEW_EVENTS: Final = 30
 """Below this many, single events can carry a result."""
 
@@ -45,6 +55,9 @@ _LIMITS: Final = (
 class RunTables:
     """What is put into words: artefacts of a whole run (matrix: ``validation_matrix``, worse:
     ``worse_for_somebody``), the coverage of its intervals, and the relative difference that counts as a tie.
+
+    clusters: what intervals vary over, "recording" or "location"; interval: how they are made; omega_av: weight of
+    the AV in the local optimum.
     """
 
     recordings: pd.DataFrame
@@ -56,6 +69,9 @@ class RunTables:
     leave_one_out: pd.DataFrame
     confidence: float
     tie_band: float
+    clusters: str = "recording"
+    interval: str = BOOTSTRAP_T
+    omega_av: float = 0.5
 
 
 def run_says(run: RunTables) -> list[Said]:
@@ -75,7 +91,8 @@ def _headings(run: RunTables) -> Iterator[tuple[str, Iterable[str]]]:
     yield "Not planned", _not_planned(run)
     yield "What the accounting changes", _accountings(run)
     yield "Other places", [_locations(run)]
-    yield "What was filmed", [_observed(run)]
+    yield "Who was selected", selection(run.crossings, _cell(run, forms[0], names.EQUAL))
+    yield "What was filmed", [_observed(run), *_leader_seen(run)]
     yield "Caution", _cautions(run, forms)
     yield "What it cannot say", _LIMITS
 
@@ -92,7 +109,7 @@ def run_in_short(run: RunTables) -> str:
     form = _planned(run)[0]
     text = f"{labels.FORMS[form]}, accounting “equal”: {_lower(_gain(run, form))}"
     paper = f"Under “paper”: {_against_paper(run, form)}."
-    return _unbroken(" ".join([text, paper, *_cautions(run, [form])]))
+    return _unbroken(" ".join([text, *_added(run, form), paper, *_cautions(run, [form])]))
 
 
 def _planned(run: RunTables) -> list[str]:
@@ -112,20 +129,16 @@ def _solved(cell: Any) -> int:
     return int(cell.n_events - cell.infeasible - cell.contacts)
 
 
-def _count(n: int, word: str) -> str:
-    return f"{n} {word}{'s' * (n != 1)}"
-
-
 def _lower(text: str) -> str:
     return text[:1].lower() + text[1:]
 
 
 def _went_in(run: RunTables) -> str:
-    read = _count(run.recordings["recording_id"].nunique(), "recording")
-    found = _count(len(run.crossings), "lane-id change")
+    read = counted(run.recordings["recording_id"].nunique(), "recording")
+    found = counted(len(run.crossings), "lane-id change")
     if run.events.empty:
         return f"Read: {read} with {found}; none of these is a usable lane change{_commonest(run)}."
-    used = _count(run.events["recording_id"].nunique(), "recording")
+    used = counted(run.events["recording_id"].nunique(), "recording")
     left = len(run.crossings) - len(run.events)
     usable = f"{len(run.events)} of these can be used as events, from {used}; {left} cannot{_commonest(run)}"
     return f"Read: {read} with {found}. {usable}."
@@ -146,7 +159,7 @@ def nothing_said(run: RunTables) -> str:
     elif run.crossings.empty:
         why = "no usable event, because no lane-id change was found"
     else:
-        why = f"no usable event, because not one of {_count(len(run.crossings), 'lane-id change')} can be used"
+        why = f"no usable event, because not one of {counted(len(run.crossings), 'lane-id change')} can be used"
     return f"Nothing can be said of the local optimum: {why}."
 
 
@@ -154,6 +167,7 @@ def _of_form(run: RunTables, form: str) -> Iterator[str]:
     cell = _cell(run, form, names.EQUAL)
     yield f"{_sample(run, cell)}{_gain(run, form)}"
     if _solved(cell):
+        yield " ".join([*_added(run, form), concentration(cell)])
         yield f"{_shares(run, cell)} {_infeasible(cell)}"
         yield f"{_sides(cell)} {_followers(run, form)}"
 
@@ -162,76 +176,84 @@ def _sample(run: RunTables, cell: Any) -> str:
     """Which events, where they are not all: a start is chosen for a sample of them."""
     if cell.n_events == len(run.events):
         return ""
-    return f"Planned for a sample of {cell.n_events} of the {_count(len(run.events), 'event')}. "
+    return f"Planned for a sample of {cell.n_events} of the {counted(len(run.events), 'event')}. "
 
 
 def _infeasible(cell: Any) -> str:
     if not cell.infeasible + cell.contacts:
         return "Every event has a feasible plan of both policies."
     if cell.contacts:
-        left = _count(int(cell.infeasible), "event")
-        met = _count(int(cell.contacts), "event")
+        left = counted(int(cell.infeasible), "event")
+        met = counted(int(cell.contacts), "event")
         return f"{left} without a feasible plan of both policies and {met} with a contact are left out."
     has, is_ = ("has", "is") if cell.infeasible == 1 else ("have", "are")
-    return f"{_count(int(cell.infeasible), 'event')} {has} no feasible plan of both policies and {is_} left out."
+    return f"{counted(int(cell.infeasible), 'event')} {has} no feasible plan of both policies and {is_} left out."
 
 
 def _gain(run: RunTables, form: str) -> str:
-    """A sentence on the gain under the primary accounting with its interval, and whether that excludes zero."""
+    """A sentence on the gain under the primary accounting with its interval, and what its sign is worth."""
     cell = _cell(run, form, names.EQUAL)
     if html.is_missing(cell.gain):
         return f"No gain can be given: {_no_plan(cell)}."
-    interval = _interval(run, form, names.EQUAL)
-    text = f"The local optimum has {_change(cell.gain)} total loss than the benchmark ({interval})."
-    return text if html.is_missing(cell.gain_low) else f"{text} {_verdict(cell)}"
+    sure = _interval(run, form, names.EQUAL)
+    text = f"The local optimum has {change(cell.gain)} total loss than the benchmark ({sure})."
+    return " ".join([text, *_verdict(run, cell)])
+
+
+def _added(run: RunTables, form: str) -> list[str]:
+    """A sentence on what of the added loss is saved; none where no plans are compared."""
+    cell = _cell(run, form, names.EQUAL)
+    return [incremental(cell, unit=run.clusters, confidence=run.confidence)] if _solved(cell) else []
 
 
 def _no_plan(cell: Any) -> str:
-    return f"none of {_count(int(cell.n_events), 'event')} has a feasible plan of both policies"
+    return f"none of {counted(int(cell.n_events), 'event')} has a feasible plan of both policies"
 
 
 def _interval(run: RunTables, form: str, accounting: str) -> str:
     cell = _cell(run, form, accounting)
-    if html.is_missing(cell.gain_low) or html.is_missing(cell.gain_high):
-        used = _count(_recordings_used(run, form, accounting), "recording")
-        return f"no interval, because that takes two recordings or more and the plans are of {used}"
-    interval = f"{100.0 * run.confidence:g} % interval {_range(cell.gain_low, cell.gain_high)}"
-    return f"{interval}, from {_recordings_used(run, form, accounting)} recordings"
+    n = int(cell.n_clusters)
+    return interval(cell.gain_low, cell.gain_high, n, run.clusters, confidence=run.confidence)
 
 
-def _verdict(cell: Any) -> str:
+def _verdict(run: RunTables, cell: Any) -> Iterator[str]:
+    """What follows from the sign: nothing where the plan is chosen for the lowest total by who scores it.
+
+    That is said once, of the first form.
+    """
+    if run.omega_av == _SAME_GOAL:
+        if cell.gain < -run.tie_band:
+            yield _FAULT
+        elif cell.form == _planned(run)[0]:
+            yield _CERTAIN
+        return
+    if html.is_missing(cell.gain_low):
+        return
     if cell.gain_low <= 0.0 <= cell.gain_high:
-        return "The interval includes zero: this run does not tell which of the two has the lower loss."
+        yield "The interval includes zero: this run does not tell which of the two has the lower loss."
+        return
     lower = "local optimum" if cell.gain_low > 0.0 else "benchmark"
-    return f"The interval excludes zero: in this run the {lower} has the lower loss."
+    yield f"The interval excludes zero: in this run the {lower} has the lower loss."
 
 
-def _change(gain: float, less: str = "less", more: str = "more") -> str:
-    """A gain in words: "0.50 % less"."""
-    if gain == 0.0:
-        return f"no {less} and no {more}"
-    return f"{_amount(gain)} % {less if gain > 0.0 else more}"
-
-
-def _amount(share: float, digits: int = 2) -> str:
-    """Its size in percent; what rounds to nothing without being nothing is said to be small, not 0."""
-    size, least = 100.0 * abs(share), 0.1**digits
-    return f"under {html.number(least, digits)}" if 0.0 < size < least / 2.0 else html.number(size, digits)
-
-
-def _range(low: float, high: float) -> str:
-    """From one gain to another: "0.31 to 0.72 % less", or from more to less where zero lies between them."""
-    if low < 0.0 < high:
-        return f"{_change(low)} to {_change(high)}"
-    first, last = sorted((low, high), key=abs)
-    return f"{_amount(first)} to {_change(last)}"
+_SAME_GOAL: Final = 0.5
+"""Weight of the AV with which the local optimum minimises half of the total that is reported."""
+_CERTAIN: Final = (
+    "That it is not more was certain before, here and in the other forms: the plan is the one of the lowest total "
+    "by the same simulated followers that then score it. Only the size can be found out, and whether other "
+    "followers say the same."
+)
+_FAULT: Final = (
+    "That it is more cannot be: the plan is the one of the lowest total by the same simulated followers that then "
+    "score it. Something is wrong with the planning of this run."
+)
 
 
 def _shares(run: RunTables, cell: Any) -> str:
     tied = round(1.0 - cell.share_better - cell.share_worse, 12)  # nothing left is nothing, not a rest of digits
-    better, worse, same = (f"{_amount(share, 1)} %" for share in (cell.share_better, cell.share_worse, tied))
+    better, worse, same = (f"{amount(share, 1)} %" for share in (cell.share_better, cell.share_worse, tied))
     return (
-        f"Of {_count(_solved(cell), 'event')} the local optimum is better in {better}, worse in {worse}, and "
+        f"Of {counted(_solved(cell), 'event')} the local optimum is better in {better}, worse in {worse}, and "
         f"within {_band(run)} of the benchmark in {same}."
     )
 
@@ -255,7 +277,7 @@ def _sides(cell: Any) -> str:
         return "Who pays cannot be said: one side has no loss under the benchmark to compare with."
     parties = _PARTIES[av > 0.0, hv > 0.0] if av and hv else ""
     lower = "The AV's loss is {}, the followers' together {}{}."
-    return lower.format(*(_change(side, "lower", "higher") for side in (av, hv)), parties)
+    return lower.format(*(change(side, "lower", "higher") for side in (av, hv)), parties)
 
 
 def _followers(run: RunTables, form: str) -> str:
@@ -264,7 +286,7 @@ def _followers(run: RunTables, form: str) -> str:
     rows = rows[rows["who"] != TOGETHER]
     if rows.empty:
         return f"No single follower loses more than {_band(run)} in any event."
-    lost, most = _count(rows["event_id"].nunique(), "event"), html.percent(rows["increase"].max())
+    lost, most = counted(rows["event_id"].nunique(), "event"), html.percent(rows["increase"].max())
     return f"In {lost} a single follower loses more than {_band(run)}, the worst off {most}."
 
 
@@ -289,7 +311,7 @@ def _against_paper(run: RunTables, form: str) -> str:
         return "no gain that is known, because the tables hold no such row"
     if html.is_missing(paper.gain):
         return f"no gain that can be given, because {_no_plan(paper)}"
-    text = f"{_change(paper.gain)} total loss ({_interval(run, form, names.PAPER)})"
+    text = f"{change(paper.gain)} total loss ({_interval(run, form, names.PAPER)})"
     return text if html.is_missing(equal.gain) else f"{text}, {_points(paper.gain, equal.gain)}"
 
 
@@ -310,7 +332,7 @@ def _locations(run: RunTables) -> str:
     if gains.empty:
         return "Whether one location carries the result is not known: no gain is left without it."
     text = f"{labels.FORMS[form]}, leaving out one of {len(rows)} locations after the other:"
-    return f"{text} {_range(gains.min(), gains.max())} total loss."
+    return f"{text} {between(gains.min(), gains.max())} total loss."
 
 
 def _observed(run: RunTables) -> str:
@@ -325,28 +347,45 @@ def _observed(run: RunTables) -> str:
     )
 
 
-def _recordings_used(run: RunTables, form: str, accounting: str) -> int:
-    """How many recordings the bootstrap draws from: those with an event that both policies have a plan for."""
-    rows = run.losses[(run.losses["accounting"] == accounting) & run.losses["policy"].isin(PAIRS[form])]
-    plans = rows.dropna(subset="loss_total").groupby("event_id")["policy"].nunique()
-    both = plans.index[plans == 2]
-    return int(run.events.loc[run.events["event_id"].isin(both), "recording_id"].nunique())
+def _leader_seen(run: RunTables) -> Iterator[str]:
+    """How long the target leader is filmed."""
+    seen = _cell(run, _planned(run)[0], names.EQUAL).leader_seen_s
+    if not html.is_missing(seen):
+        yield (
+            f"The leader on the target lane is filmed for {html.number(seen, 1)} s after the start on average; "
+            "how it drives on from there is assumed."
+        )
 
 
 def _cautions(run: RunTables, forms: Sequence[str]) -> Iterator[str]:
-    """What the reader should not lean on: few recordings, few events."""
-    used = [_recordings_used(run, form, names.EQUAL) for form in forms]
-    if min(used) < FEW_RECORDINGS:
-        here = " to ".join(str(n) for n in sorted({min(used), max(used)}))
-        yield (
-            f"The intervals come from drawing recordings anew; with fewer than {FEW_RECORDINGS} to draw from "
-            f"(here {here}) they tend to be too narrow."
-        )
+    """What the reader should not lean on: no or few clusters, one place, many cells, few events."""
+    used = [int(_cell(run, form, names.EQUAL).n_clusters) for form in forms]
+    yield from _few_clusters(run, min(used), max(used))
+    if len(set(run.recordings["location_id"])) == 1 and max(used) >= LEAST_CLUSTERS:
+        yield "All recordings are of one location: the intervals vary over them, and say nothing of other places."
+    if len(forms) > 1 and run.matrix["gain_low"].notna().any():
+        yield multiplicity(run.matrix, confidence=run.confidence)
     yield from (text for form in forms for text in _few_events(run, form))
+
+
+def _few_clusters(run: RunTables, least: int, most: int) -> Iterator[str]:
+    few = _ENOUGH[run.interval]
+    if most < LEAST_CLUSTERS and run.interval != PERCENTILE:
+        yield "Without an interval nothing is known of how far chance carries these numbers."
+    elif least < few:
+        here = " to ".join(str(n) for n in sorted({least, most}))
+        yield (
+            f"With fewer than {few} {run.clusters}s (here {here}) the intervals were not found to cover what they "
+            "say: they may be too narrow."
+        )
+
+
+_ENOUGH: Final = {BOOTSTRAP_T: LEAST_CLUSTERS, PERCENTILE: 60, STUDENT: 60}
+"""Clusters from which on each kind of interval was found to cover what it says (equations.md 12.2)."""
 
 
 def _few_events(run: RunTables, form: str) -> Iterator[str]:
     solved = _solved(_cell(run, form, names.EQUAL))
     if 0 < solved < FEW_EVENTS:
-        rests = f"{labels.FORMS[form]}: the result rests on {_count(solved, 'event')}"
+        rests = f"{labels.FORMS[form]}: the result rests on {counted(solved, 'event')}"
         yield f"{rests}, and a single one can carry it."

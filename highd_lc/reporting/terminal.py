@@ -12,6 +12,7 @@ from rich import box
 from rich.table import Table
 
 from highd_lc.reporting import labels
+from highd_lc.reporting.certainty_words import no_interval
 from highd_lc.reporting.follower_words import LONG, SHORT, aim_rows, recordings_say, row_of, within_band
 from highd_lc.reporting.pages_scenarios import CLAIM_WORDS
 from highd_lc.vocab import names
@@ -23,13 +24,23 @@ def matrix_table(matrix: pd.DataFrame) -> Table:
         "Validation matrix: gain of the local optimum over the benchmark, all events, in %",
         "no event was planned: there is nothing to compare"
         if matrix.empty
-        else "gain = 1 - ratio of the summed total losses; interval: bootstrap over recordings; "
-        "inf. = no feasible plan; better, worse: share of events",
+        else "gain = 1 - ratio of the summed total losses; added: of the losses above no lane change; "
+        f"inf. = no feasible plan; better, worse: share of events{_why_no_interval(matrix)}",
     )
     several = len(set(matrix["followers"])) > 1
     for heading in ("followers", "form", "charged") if several else ("form", "accounting"):
         table.add_column(heading, no_wrap=True)
-    for heading in ("n" if several else "events", "inf.", "gain", "interval", "HV", "AV", "better", "worse"):
+    for heading in (
+        "n" if several else "events",
+        "inf.",
+        "gain",
+        "interval",
+        "added",
+        "HV",
+        "AV",
+        "better",
+        "worse",
+    ):
         table.add_column(heading, justify="right", no_wrap=True)
     rows: Iterable[Any] = matrix[matrix["stratum"] == "all"].itertuples()
     for row in rows:
@@ -37,8 +48,15 @@ def matrix_table(matrix: pd.DataFrame) -> Table:
         interval = _interval(row.gain_low, row.gain_high)
         counts = (str(row.n_events), str(row.infeasible))
         about = (row.followers, row.form, _SHORT[row.accounting]) if several else (row.form, row.accounting)
-        table.add_row(*about, *counts, _percent(row.gain), interval, *(_percent(s, 1) for s in shares))
+        gains = (_percent(row.gain), interval, _percent(row.gain_incremental))
+        table.add_row(*about, *counts, *gains, *(_percent(s, 1) for s in shares))
     return table
+
+
+def _why_no_interval(matrix: pd.DataFrame) -> str:
+    """The end of a caption: why rows have no interval, each reason once."""
+    whole = matrix[(matrix["stratum"] == "all") & matrix["gain_low"].isna() & matrix["gain"].notna()]
+    return "".join(f"; {reason}" for reason in dict.fromkeys(no_interval(n) for n in whole["n_clusters"]))
 
 
 _BOARD: Final = (

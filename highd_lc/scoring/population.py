@@ -1,5 +1,9 @@
-"""Statistics over a population of events: paired differences, and intervals by bootstrap over recordings."""
+"""Statistics over a population of events: paired differences, and intervals over clusters of them.
 
+A cluster is a recording, or a location: its events stand and fall together (equations.md 12.2).
+"""
+
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Final
@@ -9,22 +13,36 @@ from numba import njit
 from numpy.typing import NDArray
 from scipy.special import stdtrit
 
+from highd_lc.vocab.sections import StatisticsSettings
+
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
 
+BOOTSTRAP_T: Final = "bootstrap_t"
+STUDENT: Final = "t"
+PERCENTILE: Final = "percentile"
+"""How an interval is made (equations.md 12.2); the first one covers what it says also where effects are skewed."""
+
+
 @dataclass(frozen=True)
 class Bootstrap:
-    """How intervals are made: samples drawn, coverage, and the seed of the draws."""
+    """How intervals are made: samples drawn, coverage, the seed of the draws, and by which method."""
 
     samples: int
     confidence: float
     seed: int
+    method: str = BOOTSTRAP_T
+
+
+def bootstrap_of(settings: StatisticsSettings, *, seed: int) -> Bootstrap:
+    """How the settings ask for intervals."""
+    return Bootstrap(settings.bootstrap, settings.confidence, seed, settings.interval)
 
 
 @dataclass(frozen=True)
 class Interval:
-    """Lower and upper end; NaN where fewer than two recordings say nothing about their spread."""
+    """Lower and upper end; NaN where too few clusters say nothing about their spread."""
 
     low: float
     high: float
@@ -137,28 +155,114 @@ def recording_sums(recordings: IntArray, *columns: FloatArray) -> FloatArray:
 
 @lru_cache(maxsize=64)
 def _draws(count: int, bootstrap: Bootstrap) -> FloatArray:
-    """How often each of ``count`` recordings is drawn, shape (samples, count)."""
+    """How often each of ``count`` clusters is drawn, shape (samples, count)."""
     generator = np.random.default_rng([bootstrap.seed, count])
     return generator.multinomial(count, np.full(count, 1.0 / count), size=bootstrap.samples).astype(np.float64)
 
 
 def ratio_interval(
-    recordings: IntArray, numerator: FloatArray, denominator: FloatArray, bootstrap: Bootstrap
+    clusters: IntArray, numerator: FloatArray, denominator: FloatArray, bootstrap: Bootstrap
 ) -> Interval:
-    """Interval of sum(numerator) / sum(denominator), recordings drawn with replacement."""
-    sums = recording_sums(recordings, numerator, denominator)
-    if sums.shape[1] < 2:
+    """Interval of sum(numerator) / sum(denominator) over clusters, by the method asked for.
+
+    NaN below five clusters (percentile: below two), and where the sum below the line may be nothing.
+
+    Args:
+        clusters: of each event, shape (events,).
+        numerator: what is added up above the line, shape (events,).
+        denominator: what is added up below it, shape (events,).
+        bootstrap: method, coverage and draws.
+    """
+    if bootstrap.method == STUDENT:
+        return Interval(*cluster_interval(numerator, denominator, clusters, confidence=bootstrap.confidence))
+    above, below = recording_sums(clusters, numerator, denominator)
+    if len(above) < (2 if bootstrap.method == PERCENTILE else LEAST_CLUSTERS):
         return Interval(np.nan, np.nan)
-    drawn = _draws(sums.shape[1], bootstrap) @ sums.T
-    return _quantiles(drawn[:, 0] / drawn[:, 1], bootstrap)
+    if bootstrap.method == PERCENTILE:
+        drawn = _draws(len(above), bootstrap) @ np.stack([above, below]).T
+        return _quantiles(drawn[:, 0] / drawn[:, 1], bootstrap)
+    return _bootstrap_t(above, below, bootstrap)
 
 
-def mean_interval(recordings: IntArray, values: FloatArray, bootstrap: Bootstrap) -> Interval:
-    """Interval of the mean over events, recordings drawn with replacement."""
-    return ratio_interval(recordings, values, np.ones_like(values), bootstrap)
+def mean_interval(clusters: IntArray, values: FloatArray, bootstrap: Bootstrap) -> Interval:
+    """Interval of the mean over events, see ``ratio_interval``."""
+    return ratio_interval(clusters, values, np.ones_like(values), bootstrap)
+
+
+def _bootstrap_t(above: FloatArray, below: FloatArray, bootstrap: Bootstrap) -> Interval:
+    """The jackknife's error times the larger one, on either side, of Student's t and the bootstrap's.
+
+    above, below: sums of each cluster. Student's t alone is too short on the side of a skewed effect's tail.
+    """
+    weights = _draws(len(above), bootstrap)
+    drawn, rest = weights @ below, below.sum() - below
+    tail = (1.0 - bootstrap.confidence) / 2.0
+    if rest.min() <= 0.0 or np.mean(drawn <= 0.0) > tail / 2.0:
+        return Interval(np.nan, np.nan)
+    ratio = float(above.sum() / below.sum())
+    error = _jackknife_error((above.sum() - above) / rest)
+    deviations = _studentised(above, below, weights[drawn > 0.0], ratio)
+    low, high = np.quantile(deviations, [tail, 1.0 - tail])
+    student = float(stdtrit(len(above) - 1, 1.0 - tail))
+    return Interval(ratio - max(high, student) * error, ratio + max(-low, student) * error)
+
+
+def _jackknife_error(left_out: FloatArray) -> float:
+    """Standard error from the values without each cluster in turn."""
+    count = len(left_out)
+    return float(np.sqrt((count - 1.0) / count * ((left_out - left_out.mean()) ** 2).sum()))
+
+
+def _studentised(above: FloatArray, below: FloatArray, weights: FloatArray, ratio: float) -> FloatArray:
+    """Deviation of each draw's ratio over its own linearised error; 0 where a draw has no spread."""
+    count, total = weights.shape[1], weights @ below
+    drawn = weights @ above / total
+    squares = weights @ above**2 - 2.0 * drawn * (weights @ (above * below)) + drawn**2 * (weights @ below**2)
+    error = np.sqrt(count / (count - 1.0) * np.maximum(squares, 0.0)) / total
+    deviations: FloatArray = np.divide(drawn - ratio, error, out=np.zeros_like(error), where=error > 0.0)
+    return deviations
 
 
 def _quantiles(values: FloatArray, bootstrap: Bootstrap) -> Interval:
     tail = (1.0 - bootstrap.confidence) / 2.0
     low, high = np.quantile(values, [tail, 1.0 - tail])
     return Interval(float(low), float(high))
+
+
+def share_carried(savings: FloatArray, *, part: float = 0.05) -> float:
+    """Share of the sum that the part of the values with the largest ones carries; NaN of no positive sum.
+
+    At least one value is counted. Above 1 where the others add up to less than nothing.
+    """
+    total = float(savings.sum())
+    if not total > 0.0:
+        return np.nan
+    return float(np.sort(savings)[-max(1, round(part * len(savings))) :].sum()) / total
+
+
+_NOTHING: Final = 1e-9
+
+
+def ratio_of_sums(one: FloatArray, other: FloatArray) -> float:
+    """Ratio of two sums; NaN where the lower one is nothing beside what was added, but for rounding."""
+    total, added = other.sum(), np.abs(one).sum() + np.abs(other).sum()
+    return float(one.sum() / total) if abs(total) > _NOTHING * added else np.nan
+
+
+def padded(lists: Sequence[Sequence[float]]) -> FloatArray:
+    """Lists of numbers as rows of one array, NaN after their ends; at least one column."""
+    lengths = np.array([len(each) for each in lists], dtype=np.int64)
+    rows = np.full((len(lists), max(1, lengths.max(initial=0))), np.nan)
+    rows[np.arange(rows.shape[1]) < lengths[:, None]] = np.concatenate([*lists, []])
+    return rows
+
+
+def gain_of_added(
+    benchmark: FloatArray, local: FloatArray, clusters: IntArray, bootstrap: Bootstrap
+) -> tuple[float, float, float]:
+    """1 - sum(local) / sum(benchmark) of losses above a reference, with interval; NaN where nothing is added."""
+    total = float(benchmark.sum())
+    if not total > _NOTHING * float(np.abs(benchmark).sum()):
+        return np.nan, np.nan, np.nan
+    ratio = ratio_interval(clusters, local, benchmark, bootstrap)
+    return 1.0 - float(local.sum()) / total, 1.0 - ratio.high, 1.0 - ratio.low

@@ -129,6 +129,7 @@ def _crossing_rows(recording: _Recording, crossings: list[Crossing]) -> list[dic
     return [
         {
             **_identity(recording, crossing),
+            "speed_mps": _speed(recording, crossing),
             "origin_lane": crossing.change.origin or None,
             "target_lane": crossing.change.target or None,
             "start_frame": None if crossing.start_frame == ABSENT else crossing.start_frame,
@@ -138,6 +139,11 @@ def _crossing_rows(recording: _Recording, crossings: list[Crossing]) -> list[dic
         }
         for crossing in crossings
     ]
+
+
+def _speed(recording: _Recording, crossing: Crossing) -> float:
+    row = recording.traffic.index.row(crossing.ego, crossing.crossing_frame)
+    return round(float(recording.tracks.vx[row]), 4)
 
 
 def _identity(recording: _Recording, crossing: Crossing) -> dict[str, object]:

@@ -47,7 +47,8 @@ class Overview:
     """What the overview pages of a run are made from.
 
     raw: recorded motion at full resolution; statistics: how the intervals and ties in the artefacts were made;
-    b_max: bound of the simulated followers' braking, as in the settings; model: the default follower model.
+    b_max: bound of the simulated followers' braking, as in the settings; model: the default follower model;
+    omega_av: weight of the AV in the local optimum.
     """
 
     work: Path
@@ -55,6 +56,7 @@ class Overview:
     statistics: StatisticsSettings
     b_max: float
     model: str
+    omega_av: float = 0.5
 
     def read(self, *tables: str, columns: list[str] | None = None) -> dict[str, pd.DataFrame]:
         """Finished artefacts by their names; of those that follower models made, the rows of the default one."""
@@ -138,13 +140,17 @@ def _run_tables(overview: Overview) -> RunTables:
         worse=worse,
         confidence=overview.statistics.confidence,
         tie_band=overview.statistics.tie_band,
+        clusters=overview.statistics.clusters,
+        interval=overview.statistics.interval,
+        omega_av=overview.omega_av,
         **overview.read("recordings", "crossings", "events", "leave_one_out"),
     )
 
 
 def _matrix(overview: Overview) -> str:
     price = PriceTables(**overview.read(*PriceTables.__dataclass_fields__))
-    return matrix_page(artefacts.read(overview.work, "validation_matrix"), [overview.first], price=price)
+    matrix = artefacts.read(overview.work, "validation_matrix")
+    return matrix_page(matrix, [overview.first], price=price, confidence=overview.statistics.confidence)
 
 
 def _studies(overview: Overview) -> str:

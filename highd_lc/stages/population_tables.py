@@ -14,8 +14,8 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from highd_lc.drivers.identifiability import Identifiability, PoolingStudy, verdict
-from highd_lc.scoring.population import Bootstrap, ratio_interval, shares
-from highd_lc.stages.statistics import PolicyLosses, seen
+from highd_lc.scoring.population import bootstrap_of, ratio_interval, shares
+from highd_lc.stages.statistics import PolicyLosses, clusters_of, seen
 from highd_lc.vocab import names
 from highd_lc.vocab.driver import PARAMETERS, TABLE3_MEANS, TABLE3_QUANTILES
 from highd_lc.vocab.policy import CHOOSING_START, PAIRS, POLICIES, ROBUST_PAIRS
@@ -123,7 +123,8 @@ def gain_columns(pair: pd.DataFrame, statistics: StatisticsSettings, *, seed: in
     """The columns that every table of gains shares.
 
     pair: one row an event, with recording_id and av_1, hv_1 (local optimum), av_0, hv_0 (benchmark); NaN where
-    there is no plan; contact: whether somebody drives through another under either, as far as it has that column.
+    there is no plan; contact: whether somebody drives through another under either, cluster: what stands and falls
+    together, as far as it has those columns.
     """
     recordings = pair["recording_id"].to_numpy()
     sides = {name: pair[name].to_numpy(float) for name in ("av_1", "hv_1", "av_0", "hv_0")}
@@ -132,8 +133,8 @@ def gain_columns(pair: pd.DataFrame, statistics: StatisticsSettings, *, seed: in
     contact = pair["contact"].to_numpy(bool) if "contact" in pair else np.zeros(len(pair), bool)
     av_1, hv_1, av_0, hv_0 = (values[solved] for values in sides.values())
     local, benchmark = av_1 + hv_1, av_0 + hv_0
-    bootstrap = Bootstrap(statistics.bootstrap, statistics.confidence, seed)
-    ratio = ratio_interval(recordings[solved], local, benchmark, bootstrap)
+    clusters = pair["cluster"].to_numpy() if "cluster" in pair else recordings
+    ratio = ratio_interval(clusters[solved], local, benchmark, bootstrap_of(statistics, seed=seed))
     better, worse, _ = shares(local / benchmark - 1.0, statistics.tie_band)
     return {
         "n_events": len(pair),
@@ -160,8 +161,11 @@ def _frame(name: str, rows: list[Row]) -> pd.DataFrame:
     return pd.DataFrame(rows, columns=list(TABLES[name].column_names))
 
 
-def _pairs(losses: PolicyLosses) -> Iterator[tuple[Row, pd.DataFrame]]:
-    """Each form and accounting with the losses of its two policies, error and effect, one row an event."""
+def _pairs(losses: PolicyLosses, clusters: pd.Series | None = None) -> Iterator[tuple[Row, pd.DataFrame]]:
+    """Each form and accounting with the losses of its two policies, error and effect, one row an event.
+
+    clusters: by event, see ``clusters_of``.
+    """
     for form, (benchmark, local) in PAIRS.items():
         for accounting in names.ACCOUNTINGS:
             pair = losses.pair(accounting, local, benchmark)
@@ -169,6 +173,8 @@ def _pairs(losses: PolicyLosses) -> Iterator[tuple[Row, pd.DataFrame]]:
                 columns = {f"{side}_{k}": pair[f"loss_{side}_{k}"] for side in _SIDES for k in (1, 0)}
                 each = {f"each_{k}": pair[f"loss_hv_each_{k}"] for k in (1, 0)}
                 about = {"recording_id": pair["recording_id_1"], "contact": pair["contact"]}
+                if clusters is not None:
+                    about["cluster"] = clusters.reindex(pair.index)
                 table = pd.DataFrame(about | columns | each).join(losses.in_view(accounting, local, benchmark))
                 yield {"form": form, "accounting": accounting}, table
 
@@ -223,7 +229,7 @@ def gain_map(
     events: see ``statistics.situations``. Tiles are closed below and open above.
     """
     rows = []
-    for about, pair in _pairs(losses):
+    for about, pair in _pairs(losses, clusters_of(events, statistics)):
         for edges, inside in tiles(events.loc[pair.index]):
             row = about | edges | {"share_events": len(inside) / len(pair)}
             of_tile = pair.iloc[inside]
@@ -263,7 +269,7 @@ def leave_one_out(
     events: see ``statistics.situations``. A location without which nothing is left has no gain.
     """
     rows = []
-    for about, pair in _pairs(losses):
+    for about, pair in _pairs(losses, clusters_of(events, statistics)):
         location = events.loc[pair.index, "location_id"]
         for site in sorted(location.unique()):
             left = {"location_id": int(site), "n_left_out": int((location == site).sum())}

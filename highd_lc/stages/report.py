@@ -237,7 +237,7 @@ def combine(combination: Combination, *, request: ReportRequest, carry_out: Carr
     work, raw, settings = combination.work, combination.settings.report.raw, combination.settings.validation
     artefacts.concatenate(work, STAGE, "event_pages", combination.recordings, combination.provenance)
     model, b_max = settings.follower_models[0], settings.followers.b_max
-    overview = Overview(work, raw, settings.statistics, b_max, model)
+    overview = Overview(work, raw, settings.statistics, b_max, model, settings.loss.omega_av)
     missing = missing_pages(work)
     wanted = [name for name in OVERVIEW_PAGES if name not in missing]
     pages = dict(zip(wanted, carry_out([partial(page_of, name, overview) for name in wanted]), strict=True))

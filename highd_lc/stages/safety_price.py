@@ -11,7 +11,7 @@ from highd_lc.planning.planner import Plan, PlanningProblem
 from highd_lc.planning.safety import kept
 from highd_lc.planning.scene import safety_limits
 from highd_lc.scoring import charges
-from highd_lc.scoring.population import Bootstrap, ratio_interval
+from highd_lc.scoring.population import Bootstrap, bootstrap_of, ratio_interval
 from highd_lc.stages.validate_studies import Study
 from highd_lc.vocab import names
 from highd_lc.vocab.policy import PAIRS
@@ -96,9 +96,7 @@ def safety_price(losses: pd.DataFrame, statistics: StatisticsSettings, *, seed: 
             both = np.logical_and.reduce([pair["solved"].to_numpy(bool) for pair in pairs.values()])
             for profile, pair in pairs.items():
                 about = {"form": form, "accounting": accounting, "safety": profile}
-                rows.append(
-                    about | _price(pair, both, Bootstrap(statistics.bootstrap, statistics.confidence, seed))
-                )
+                rows.append(about | _price(pair, both, bootstrap_of(statistics, seed=seed)))
     return pd.DataFrame(rows, columns=list(TABLES["safety_price"].column_names))
 
 

@@ -1,6 +1,7 @@
 """Population tables from the losses of all events: the validation matrix and the paired summary."""
 
 from collections.abc import Iterator
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -10,11 +11,23 @@ from numpy.typing import NDArray
 
 from highd_lc.io import artefacts
 from highd_lc.reporting.follower_words import error_and_effect
-from highd_lc.scoring.population import Bootstrap, hodges_lehmann, mean_interval, ratio_interval, shares
+from highd_lc.scoring.population import (
+    Bootstrap,
+    bootstrap_of,
+    gain_of_added,
+    hodges_lehmann,
+    mean_interval,
+    padded,
+    ratio_interval,
+    ratio_of_sums,
+    share_carried,
+    shares,
+)
 from highd_lc.vocab import names
 from highd_lc.vocab.policy import PAIRS, ROBUST_PAIRS
 from highd_lc.vocab.sections import StatisticsSettings
 from highd_lc.vocab.tables import TABLES
+from highd_lc.vocab.tables.summaries import ADDED, ADDS_NOTHING, NO_REFERENCE, OTHER_TIME, SPEED_CLASSES
 
 FloatArray = NDArray[np.float64]
 
@@ -49,15 +62,20 @@ _QUANTITIES = (
 )
 _CELL_COLUMNS = (
     "recording_id_1",
+    "cluster",
+    "unchanged",
+    "hv_unchanged",
+    "weight",
+    "leader_seen_s",
     "somebody_worse",
     "contact",
     *(f"loss_{side}_{k}" for side in ("total", "hv", "av") for k in (1, 0)),
 )
 _SPACINGS = ((0, 15), (15, 30), (30, 60), (60, np.inf))
 _CLOSING = ((-np.inf, -2), (-2, 2), (2, np.inf))
-_SPEEDS = ((0, 15), (15, 25), (25, 33), (33, np.inf))
-_NOTHING = 1e-9
+_SPEEDS = tuple(pairwise((0.0, *SPEED_CLASSES, np.inf)))
 _AT_START = (("t", ">", -1e-9), ("t", "<", 1e-9))
+_OF_LEADER = (("role", "==", names.TARGET_LEADER),)
 
 
 def situations(work: Path) -> pd.DataFrame:
@@ -79,7 +97,27 @@ def situations(work: Path) -> pd.DataFrame:
     events["spacing_m"] = (ego["x"] - first["x"]).reindex(events.index) + (lengths[0] - lengths[1]) / 2.0
     events["closing_mps"] = (first["vx"] - ego["vx"]).reindex(events.index)
     events["speed_mps"] = ego["vx"].reindex(events.index)
+    events["weight"] = selection_weights(artefacts.read(work, "crossings")).reindex(events.index)
+    leader = artefacts.read(work, "event_tracks", columns=["event_id", "role", "t"], where=_OF_LEADER)
+    events["leader_seen_s"] = leader.groupby("event_id")["t"].max().clip(lower=0.0).reindex(events.index)
     return events
+
+
+def selection_weights(crossings: pd.DataFrame) -> pd.Series:
+    """How many lane-id changes between two lanes each usable one stands for, by event_id (equations.md 12.6).
+
+    Those of its class, direction and speed at the crossing, usable or not, over the usable ones among them.
+    """
+    known = crossings[crossings["direction"].ne("") & crossings["speed_mps"].notna()]
+    speeds = np.searchsorted(SPEED_CLASSES, known["speed_mps"].astype(float), side="right")
+    usable = known["usable"].astype(bool)
+    share = usable.groupby([known["ego_class"], known["direction"], speeds]).transform("mean")
+    return pd.Series(1.0 / share[usable].to_numpy(), known.loc[usable, "event_id"])
+
+
+def clusters_of(events: pd.DataFrame, settings: StatisticsSettings) -> pd.Series:
+    """What each event stands and falls with: its recording, or its location. events: see ``situations``."""
+    return events["location_id" if settings.clusters == "location" else "recording_id"]
 
 
 def strata(events: pd.DataFrame) -> dict[str, pd.Series]:
@@ -172,7 +210,7 @@ def validation_matrix(
     and infeasible, not in the totals; events that could not be planned at all (listed as problems of the run), or
     whose start was not chosen, count nowhere.
     """
-    bootstrap = Bootstrap(settings.bootstrap, settings.confidence, seed)
+    bootstrap = bootstrap_of(settings, seed=seed)
     members = strata(events)
     rows = []
     for form, (benchmark, local) in (PAIRS | ROBUST_PAIRS).items():
@@ -180,13 +218,15 @@ def validation_matrix(
             pair = losses.pair(accounting, local, benchmark)
             if pair.empty:
                 continue
-            pair = _with_somebody_worse(pair, settings.tie_band)[list(_CELL_COLUMNS)]
+            pair = _with_somebody_worse(pair, settings.tie_band)
+            pair = _with_reference(pair, losses.of(accounting, names.NO_LANE_CHANGE), events, settings)
+            pair = pair[list(_CELL_COLUMNS)]
             human = losses.of(accounting, names.HUMAN).reindex(pair.index)
             for stratum, inside in members.items():
                 chosen = inside.reindex(pair.index).to_numpy(bool)
                 if chosen.any():
                     row = {"form": form, "accounting": accounting, "stratum": stratum}
-                    row |= _cell(pair[chosen], bootstrap, settings.tie_band)
+                    row |= _cell(pair[chosen], accounting, bootstrap, settings.tie_band)
                     rows.append(row | {"share_observed": _share_observed(human, chosen)})
     return pd.DataFrame(rows, columns=list(TABLES["validation_matrix"].column_names))
 
@@ -206,33 +246,41 @@ def _followers(pair: pd.DataFrame) -> tuple[FloatArray, FloatArray]:
 
     An event with a plan of only one of the policies has none.
     """
-    one, other = (_padded(pair[f"loss_hv_each_{k}"]) for k in (1, 0))
+    one, other = (padded(pair[f"loss_hv_each_{k}"].to_list()) for k in (1, 0))
     width = min(one.shape[1], other.shape[1])
     unpaired = (np.isnan(one).sum(axis=1) != np.isnan(other).sum(axis=1))[:, None]
     one, other = (np.where(unpaired, np.nan, each[:, :width]) for each in (one, other))
     return one, other
 
 
-def _padded(lists: pd.Series) -> FloatArray:
-    """Lists of numbers as rows of one array, NaN after their ends; at least one column."""
-    lengths = lists.map(len).to_numpy()
-    rows = np.full((len(lists), max(1, lengths.max(initial=0))), np.nan)
-    rows[np.arange(rows.shape[1]) < lengths[:, None]] = np.concatenate([*lists, []])
-    return rows
+def _with_reference(
+    pair: pd.DataFrame, unchanged: pd.DataFrame, events: pd.DataFrame, settings: StatisticsSettings
+) -> pd.DataFrame:
+    """A pair with each event's cluster, weight and filmed leader, and the losses without a lane change.
+
+    NaN where they are not known, or somebody drives through another then.
+    """
+    found = unchanged.reindex(pair.index)
+    apart = found["contact"].eq("") if "contact" in found else pd.Series(False, pair.index)
+    totals = {f"{p}unchanged": found[f"loss_{q}"].astype(float) for p, q in (("", "total"), ("hv_", "hv"))}
+    known = {name: values.where(apart) for name, values in totals.items()}
+    about = {name: events[name].reindex(pair.index) for name in ("weight", "leader_seen_s")}
+    return pair.assign(cluster=clusters_of(events, settings).reindex(pair.index), **known, **about)
 
 
-def _cell(pair: pd.DataFrame, bootstrap: Bootstrap, band: float) -> dict[str, Any]:
+def _cell(pair: pd.DataFrame, accounting: str, bootstrap: Bootstrap, band: float) -> dict[str, Any]:
     both = pair["loss_total_1"].notna().to_numpy() & pair["loss_total_0"].notna().to_numpy()
     contact = pair["contact"].to_numpy(bool)
     solved = pair[both & ~contact]
     local, benchmark = solved["loss_total_1"].to_numpy(), solved["loss_total_0"].to_numpy()
     relative = local / benchmark - 1.0
-    recordings = solved["recording_id_1"].to_numpy()
+    clusters = solved["cluster"].to_numpy()
     better, worse, tied = shares(relative, band)
-    ratio = ratio_interval(recordings, local, benchmark, bootstrap)
+    ratio = ratio_interval(clusters, local, benchmark, bootstrap)
     return {
         "n_events": len(pair),
         "n_recordings": int(pair["recording_id_1"].nunique()),
+        "n_clusters": len(np.unique(clusters)),
         "total_benchmark": float(benchmark.sum()),
         "total_local": float(local.sum()),
         "gain": _gain(solved, "loss_total"),
@@ -248,7 +296,34 @@ def _cell(pair: pd.DataFrame, bootstrap: Bootstrap, band: float) -> dict[str, An
         "share_worst_follower_worse": float(solved["somebody_worse"].mean()) if len(solved) else np.nan,
         "infeasible": int((~both & ~contact).sum()),
         "contacts": int(contact.sum()),
-    }
+        "share_top": share_carried(benchmark - local),
+        "gain_reweighted": _reweighted(solved),
+        "leader_seen_s": float(pair["leader_seen_s"].mean()),
+    } | _incremental(solved, accounting, bootstrap)
+
+
+def _incremental(solved: pd.DataFrame, accounting: str, bootstrap: Bootstrap) -> dict[str, Any]:
+    """What the lane change adds to the losses, and what of that the local optimum saves (equations.md 12.1).
+
+    Where both sides are charged over the same time whatever the plan; elsewhere nothing is added up, for a shorter
+    plan would add less than no lane change at all.
+    """
+    known = solved[solved["unchanged"].notna()]
+    if accounting != names.EQUAL or known.empty:
+        reason = NO_REFERENCE if accounting == names.EQUAL else OTHER_TIME
+        return dict.fromkeys(ADDED, np.nan) | {"incremental_reason": reason}
+    benchmark, local = ((known[f"loss_total_{k}"] - known["unchanged"]).to_numpy() for k in (0, 1))
+    hv = [float((known[f"loss_hv_{k}"] - known["hv_unchanged"]).sum()) for k in (0, 1)]
+    gain, low, high = gain_of_added(benchmark, local, known["cluster"].to_numpy(), bootstrap)
+    found = (gain, low, high, float(benchmark.sum()), float(local.sum()), *hv)
+    return dict(zip(ADDED, found, strict=True)) | {"incremental_reason": "" if gain == gain else ADDS_NOTHING}
+
+
+def _reweighted(solved: pd.DataFrame) -> float:
+    """Gain with each event counted as often as lane-id changes like it were found; NaN where that is not known."""
+    known = solved[solved["weight"].notna()]
+    local, benchmark = (float((known["weight"] * known[f"loss_total_{k}"]).sum()) for k in (1, 0))
+    return 1.0 - local / benchmark if benchmark > 0.0 else np.nan
 
 
 def _share_observed(human: pd.DataFrame, chosen: NDArray[np.bool_]) -> float:
@@ -271,7 +346,7 @@ def _with_somebody_worse(pair: pd.DataFrame, band: float) -> pd.DataFrame:
 
 def summarise_losses(losses: PolicyLosses, settings: StatisticsSettings, *, seed: int) -> pd.DataFrame:
     """Paired differences of policies in every loss and safety column, under every accounting."""
-    bootstrap = Bootstrap(settings.bootstrap, settings.confidence, seed)
+    bootstrap = bootstrap_of(settings, seed=seed)
     rows = [
         {"policy": policy, "against": against, "accounting": accounting, **row}
         for accounting in sorted(names.ACCOUNTINGS)
@@ -304,7 +379,7 @@ def _differences(pair: pd.DataFrame, bootstrap: Bootstrap, band: float) -> Itera
             "contacts": contacts,
             "mean": float(one.mean()),
             "mean_against": float(other.mean()),
-            "ratio_of_sums": _ratio(one, other),
+            "ratio_of_sums": ratio_of_sums(one, other),
             "median_difference": float(np.median(difference)),
             "hodges_lehmann": hodges_lehmann(difference),
             "difference_low": interval.low,
@@ -313,9 +388,3 @@ def _differences(pair: pd.DataFrame, bootstrap: Bootstrap, band: float) -> Itera
             "share_worse": worse,
             "share_tied": tied,
         }
-
-
-def _ratio(one: FloatArray, other: FloatArray) -> float:
-    """Ratio of two sums; NaN where the lower one is nothing beside what was added, but for rounding."""
-    total, added = other.sum(), np.abs(one).sum() + np.abs(other).sum()
-    return float(one.sum() / total) if abs(total) > _NOTHING * added else np.nan

@@ -13,7 +13,7 @@ from highd_lc.io import artefacts
 from highd_lc.planning import planner
 from highd_lc.planning.crowd import Crowd, crowd_of, event_generator
 from highd_lc.planning.planner import PlanningProblem
-from highd_lc.scoring.population import Bootstrap, mean_interval, ratio_interval
+from highd_lc.scoring.population import Bootstrap, bootstrap_of, mean_interval, ratio_interval
 from highd_lc.stages.population_tables import tiles
 from highd_lc.stages.scenes import SceneTables, driven_by
 from highd_lc.stages.statistics import PolicyLosses, seen
@@ -149,7 +149,7 @@ def robust_summary(
 
     cross, models: see ``event_gains``.
     """
-    bootstrap = Bootstrap(statistics.bootstrap, statistics.confidence, seed)
+    bootstrap = bootstrap_of(statistics, seed=seed)
     rows = [row for cell in _cells(cross) for row in _summary_rows(cell, models, bootstrap)]
     return pd.DataFrame(rows, columns=list(TABLES["robust_summary"].column_names))
 

@@ -19,7 +19,7 @@ from highd_lc.planning.pool import Goal, Pool
 from highd_lc.planning.search import search
 from highd_lc.scoring import cross_scores, uncertainty
 from highd_lc.scoring.cross_scores import Charged
-from highd_lc.scoring.population import Bootstrap, ratio_interval
+from highd_lc.scoring.population import Bootstrap, bootstrap_of, ratio_interval
 from highd_lc.scoring.uncertainty import (
     Cell,
     Driven,
@@ -356,7 +356,7 @@ def _finite(value: float) -> float:
 
 def foresight_summary(foresight: pd.DataFrame, statistics: StatisticsSettings, *, seed: int) -> pd.DataFrame:
     """One row a policy and kind of knowledge. foresight: the artefact."""
-    bootstrap = Bootstrap(statistics.bootstrap, statistics.confidence, seed)
+    bootstrap = bootstrap_of(statistics, seed=seed)
     rows = []
     for policy in PAIRS[names.START]:
         of_policy = foresight[foresight["policy"] == policy]

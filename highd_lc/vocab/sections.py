@@ -148,6 +148,20 @@ class StatisticsSettings(BaseModel):
     bootstrap: Annotated[int, Field(ge=100, le=100000, description="bootstrap samples over recordings")] = 2000
     confidence: Annotated[float, Field(gt=0.5, lt=1, description="coverage of the intervals")] = 0.95
     tie_band: Annotated[float, Field(ge=0, lt=1, description="relative difference that counts as a tie")] = 0.001
+    interval: Annotated[
+        Literal["bootstrap_t", "t", "percentile"],
+        Field(
+            description="how intervals are made (equations.md 12.2): bootstrap_t covers what it says from eight "
+            "clusters on; t is Student's; percentile is too short below 30"
+        ),
+    ] = "bootstrap_t"
+    clusters: Annotated[
+        Literal["recording", "location"],
+        Field(
+            description="what stands and falls together in matrix, gain map and leave_one_out; all other tables "
+            "vary over recordings"
+        ),
+    ] = "recording"
 
 
 class RobustSettings(BaseModel):

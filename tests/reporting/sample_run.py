@@ -114,7 +114,11 @@ def matrix() -> pd.DataFrame:
             "total_benchmark": 1000.0 + k, "total_local": (1000.0 + k) * (1 - gain), "gain": gain,
             "gain_low": gain - 0.004, "gain_high": gain + 0.005, "gain_hv": 2 * gain, "gain_av": -gain,
             "median_difference": -gain / 2, "hodges_lehmann": -gain / 3, "share_differ": 0.8, "share_better": 0.7,
-            "share_worse": 0.1, "share_worst_follower_worse": 0.2, "infeasible": k, "contacts": 0,
+            "share_worse": 0.1, "share_worst_follower_worse": 0.2, "infeasible": k, "contacts": 0, "n_clusters": 6,
+            "gain_incremental": 3 * gain, "gain_incremental_low": 2 * gain, "gain_incremental_high": 4 * gain,
+            "incremental_reason": "", "added_benchmark": 80.0, "added_local": 80.0 * (1 - 3 * gain),
+            "added_hv_benchmark": 60.25, "added_hv_local": 51.5, "share_top": 0.46, "gain_reweighted": gain / 4,
+            "leader_seen_s": 6.9,
         })  # fmt: skip
     return pd.DataFrame(rows)
 

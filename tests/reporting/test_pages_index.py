@@ -1,5 +1,6 @@
 import json
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -88,6 +89,20 @@ def test_the_matrix_stands_above_the_events():
     cell = f"{100 * row['gain']:.2f} % ({100 * row['gain_low']:.2f} to {100 * row['gain_high']:.2f})"
     first = index_page(run).split("Fixed end speed</th>")[1]
     assert first.startswith(f'<td class="n">{cell}</td>')
+    added = 100 * row[["gain_incremental", "gain_incremental_low", "gain_incremental_high"]].astype(float)
+    second = first.split("of what the change adds</th>")[1]
+    assert second.startswith('<td class="n">{:.2f} % ({:.2f} to {:.2f})</td>'.format(*added))
+
+
+def test_a_gain_of_three_recordings_stands_without_an_interval_and_says_why():
+    run = sample_run()
+    ends = ["gain_low", "gain_high", "gain_incremental_low", "gain_incremental_high"]
+    matrix = run.matrix.assign(n_clusters=3, **dict.fromkeys(ends, np.nan))
+    page = index_page(replace(run, matrix=matrix))
+    assert page.count("(no interval: 3 recordings, at least 5 are needed)") == 12
+    assert "(– to –)" not in page
+    nothing = replace(run, matrix=matrix.assign(gain_incremental=np.nan))
+    assert index_page(nothing).count("(no interval: 3 recordings, at least 5 are needed)") == 6
 
 
 def test_hostile_ids_stay_text():

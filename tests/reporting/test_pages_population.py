@@ -3,6 +3,7 @@ import re
 from dataclasses import replace
 from functools import cache
 
+import numpy as np
 import pandas as pd
 import pytest
 from sample_run import calibration, matrix, recordings, sample_run, sample_summary
@@ -163,6 +164,27 @@ def test_the_terminal_names_the_follower_models_only_if_there_are_several():
     assert [column.header for column in one.columns][:2] == ["form", "accounting"]
     assert [column.header for column in both.columns][:3] == ["followers", "form", "charged"]
     assert list(both.columns[0].cells) == ["own_fit"] * 6 + ["table3"] * 6
+
+
+def test_the_terminal_holds_the_added_gain_and_says_why_there_is_no_interval():
+    table = matrix_table(matrix())
+    cells = dict(
+        zip((column.header for column in table.columns), (list(c.cells) for c in table.columns), strict=True)
+    )
+    whole = matrix().query("stratum == 'all'")
+    assert cells["added"] == [f"{100 * v:.2f}" for v in whole["gain_incremental"]]
+    assert "no interval" not in str(table.caption)
+    few = matrix_table(matrix().assign(n_clusters=3, gain_low=np.nan, gain_high=np.nan))
+    assert str(few.caption).endswith("; no interval: 3 recordings, at least 5 are needed")
+
+
+def test_the_matrix_s_cells_are_counted():
+    assert "18 cells of the matrix have an interval. Of so many 95 % intervals about 0.9 miss" in matrix_page(
+        matrix()
+    )
+    few = matrix_page(matrix().assign(n_clusters=3, gain_low=np.nan, gain_high=np.nan))
+    assert "No cell has an interval." in few
+    assert few.count("No interval: 3 recordings, at least 5 are needed.") == 1
 
 
 def test_cross_scores_hold_every_number():

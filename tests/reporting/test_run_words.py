@@ -124,7 +124,14 @@ def test_those_who_lose_are_counted_one_by_one():
 
 
 def test_a_loss_is_told_in_the_same_voice():
-    run = with_cell(made_up(), gain=-0.0123, gain_low=-0.02, gain_high=-0.004, gain_av=-0.03, gain_hv=-0.001)
+    run = with_cell(
+        replace(made_up(), omega_av=0.4),
+        gain=-0.0123,
+        gain_low=-0.02,
+        gain_high=-0.004,
+        gain_av=-0.03,
+        gain_hv=-0.001,
+    )
     text = said(run, "Fixed end speed")
     assert "1.23 % more total loss than the benchmark (95 % interval 0.40 to 2.00 % more" in text
     assert "The interval excludes zero: in this run the benchmark has the lower loss." in text
@@ -134,7 +141,7 @@ def test_a_loss_is_told_in_the_same_voice():
 
 @pytest.mark.parametrize("gain", [0.001, -0.001])
 def test_an_interval_around_zero_decides_nothing(gain):
-    run = with_cell(made_up(), gain=gain, gain_low=-0.002, gain_high=0.003)
+    run = with_cell(replace(made_up(), omega_av=0.4), gain=gain, gain_low=-0.002, gain_high=0.003)
     for text in (said(run, "Fixed end speed"), run_in_short(run).replace("\u00a0", " ")):
         assert f"0.10 % {'less' if gain > 0 else 'more'} total loss" in text
         assert "95 % interval 0.20 % more to 0.30 % less" in text
@@ -143,7 +150,8 @@ def test_an_interval_around_zero_decides_nothing(gain):
 
 
 def test_a_bound_at_zero_is_not_past_it():
-    text = said(with_cell(made_up(), gain=0.001, gain_low=0.0, gain_high=0.003), "Fixed end speed")
+    run = replace(made_up(), omega_av=0.4)
+    text = said(with_cell(run, gain=0.001, gain_low=0.0, gain_high=0.003), "Fixed end speed")
     assert "interval 0.00 to 0.30 % less" in text
     assert "includes zero" in text
 
@@ -164,12 +172,90 @@ def test_one_event_in_thousands_is_not_none():
     assert "better in 100.0 %, worse in under 0.1 %, and within 0.1 % of the benchmark in 0.0 %" in text
 
 
-def test_one_recording_has_no_interval_and_the_reason_is_given():
+@pytest.mark.parametrize("gain", [(0.01, 0.005, 0.02), (0.001, -0.002, 0.003), (0.01, np.nan, np.nan)])
+def test_a_sign_that_the_optimum_guarantees_is_no_finding(gain):
+    run = with_cell(made_up(), **dict(zip(("gain", "gain_low", "gain_high"), gain, strict=True)))
+    everything = " ".join(t for _, texts in run_says(run) for t in texts) + run_in_short(run)
+    assert "zero" not in everything
+    assert "That it is not more was certain before" in said(run, "Fixed end speed")
+    assert everything.count("was certain before") == 2  # once in all words, once in short
+    assert "Something is wrong" not in everything
+    lost = with_cell(made_up(), gain=-0.01, gain_low=-0.02, gain_high=-0.001)
+    assert "Something is wrong with the planning of this run" in said(lost, "Fixed end speed")
+
+
+def without_intervals(run: RunTables, n: int) -> RunTables:
+    ends = [f"gain{name}_{end}" for name in ("", "_incremental") for end in ("low", "high")]
+    return replace(run, matrix=run.matrix.assign(n_clusters=n, **dict.fromkeys(ends, np.nan)))
+
+
+def test_three_recordings_have_no_interval_and_the_reason_is_given():
+    run = without_intervals(made_up(), 3)
+    text = said(run, "Fixed end speed")
+    assert text.count("(no interval: 3 recordings, at least 5 are needed)") == 2
+    assert "95 %" not in text
+    assert "Without an interval nothing is known of how far chance carries these numbers." in said(run, "Caution")
+    assert "cells of the matrix" not in said(run, "Caution")
+    assert "(no interval: 1 recording, at least 5" in said(without_intervals(made_up(), 1), "Fixed end speed")
+    sites = replace(run, clusters="location")
+    assert "(no interval: 3 locations, at least 5 are needed)" in said(sites, "Fixed end speed")
+
+
+def test_sixteen_recordings_have_one_and_the_cells_are_counted():
     run = made_up()
-    one = replace(run, events=run.events.assign(recording_id=1))
-    text = said(with_cell(one, gain_low=np.nan, gain_high=np.nan), "Fixed end speed")
-    assert "no interval, because that takes two recordings or more and the plans are of 1 recording" in text
-    assert "zero" not in text
+    run = replace(run, matrix=run.matrix.assign(n_clusters=16))
+    row = run.matrix.query("stratum == 'all' and form == 'fixed' and accounting == 'equal'").iloc[0]
+    text = said(run, "Fixed end speed")
+    ends = [f"{100 * row[f'gain_incremental_{end}']:.2f}" for end in ("low", "high")]
+    assert (
+        f"{100 * row['gain_incremental']:.2f} % less (95 % interval {ends[0]} to {ends[1]} % less, from 16 r"
+        in text
+    )
+    assert "it adds 51.5 in all, the benchmark 60.2" in text
+    assert "no interval" not in text
+    n = len(run.matrix)
+    assert (
+        f"{n} cells of the matrix have an interval. Of so many 95 % intervals about {0.05 * n:.1f} miss"
+        in said(run, "Caution")
+    )
+    assert f"a coverage of {100 - 5 / n:.2f} % (Bonferroni)" in said(run, "Caution")
+    assert "may be too narrow" not in said(run, "Caution")
+    assert (
+        "with fewer than 60 recordings (here 16)" in said(replace(run, interval="percentile"), "Caution").lower()
+    )
+
+
+def test_the_added_loss_stands_behind_the_total_and_before_who_pays():
+    text = said(made_up(), "Fixed end speed")
+    places = [
+        text.index(words) for words in ("total loss than", "Of the loss that", "In the median", "The AV's loss")
+    ]
+    assert places == sorted(places)
+    assert "the 5 % of events that save most carry 46 % of the sum" in text
+
+
+@pytest.mark.parametrize(
+    ("reason", "words"),
+    [("adds_nothing", "plans add no loss"), ("no_reference", "without a lane change are not known")],
+)
+def test_why_nothing_is_said_of_the_added_loss(reason, words):
+    run = made_up()
+    matrix = run.matrix.assign(incremental_reason=reason, gain_incremental=np.nan)
+    text = said(replace(run, matrix=matrix), "Fixed end speed")
+    assert words in text
+    assert "nan" not in text
+
+
+def test_who_was_selected_is_counted_by_speed_class_and_direction():
+    run = made_up()
+    crossings = run.crossings.assign(speed_mps=np.where(run.crossings["usable"], 5.0, 35.0))
+    text = said(replace(run, crossings=crossings), "Who was selected")
+    between = crossings[crossings["direction"] != ""]
+    cars = between[between["ego_class"] == names.CAR]
+    fast = (between["speed_mps"] > 33).sum()
+    assert f"below 15 m/s 100 % of {between['usable'].sum()}, from 33 m/s 0 % of {fast}" in text
+    assert f"car {100 * cars['usable'].mean():.0f} % of {len(cars)}" in text
+    assert "were found, the local optimum has" in text
 
 
 def test_a_form_in_which_nothing_is_feasible_has_no_number():
@@ -216,12 +302,11 @@ def test_a_run_without_events_says_so_and_nothing_else():
     assert "no lane-id change was found" in run_in_short(none)
 
 
-def test_few_recordings_are_a_caution_and_many_are_none():
+def test_one_location_is_a_caution():
     run = made_up()
-    used = solved(run, "fixed")["recording_id"].nunique()
-    assert f"with fewer than 10 to draw from (here {used})" in said(run, "Caution")
-    many = replace(run, events=run.events.assign(recording_id=np.arange(len(run.events))))
-    assert "Caution" not in dict(run_says(many))
+    assert "All recordings are of one location" in said(run, "Caution")
+    two = replace(run, recordings=run.recordings.assign(location_id=run.recordings["recording_id"]))
+    assert "of one location" not in said(two, "Caution")
 
 
 def test_what_was_filmed_and_where():

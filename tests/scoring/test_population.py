@@ -5,13 +5,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
+from scipy import stats
 
 from highd_lc.scoring.population import (
     Bootstrap,
+    gain_of_added,
     hodges_lehmann,
     mean_interval,
     ratio_interval,
     recording_sums,
+    share_carried,
     shares,
 )
 
@@ -48,15 +51,85 @@ def test_sums_by_recording():
     np.testing.assert_array_equal(found, [[2.0, 4.0], [1.0, 2.0]])
 
 
-def test_intervals_cover_the_truth_as_often_as_they_say():
+def skewed(rng, clusters, events=40):
+    """Savings and losses of events: half save nothing, few save most; clusters of unequal size."""
+    sizes = rng.integers(events // 3, 2 * events, clusters)
+    recordings = np.repeat(np.arange(clusters), sizes)
+    saved = np.where(rng.random(len(recordings)) < 0.5, 0.0, rng.lognormal(0.0, 1.18, len(recordings)))
+    return (
+        recordings,
+        saved * rng.lognormal(0.0, 0.3, clusters)[recordings],
+        rng.lognormal(3.0, 0.5, len(recordings)),
+    )
+
+
+def coverage(method, clusters, draws=300):
     rng, hits = np.random.default_rng(1), 0
-    recordings = np.repeat(np.arange(30), 10)
-    for _ in range(200):
-        effect = np.repeat(rng.normal(0.0, 1.0, 30), 10) + rng.normal(0.0, 0.5, 300)
-        interval = mean_interval(recordings, 2.0 + effect, Bootstrap(400, 0.9, 1))
-        hits += interval.low <= 2.0 <= interval.high
-    # 90 % of 200, less what the bootstrap of 30 recordings is known to lose, three standard errors wide.
-    assert 0.80 <= hits / 200 <= 0.96
+    truth = 0.5 * np.exp(1.18**2 / 2 + 0.3**2 / 2) / np.exp(3.0 + 0.5**2 / 2)
+    for _ in range(draws):
+        found = ratio_interval(*skewed(rng, clusters), Bootstrap(499, 0.95, 1, method))
+        hits += found.low <= truth <= found.high
+    return hits / draws
+
+
+def test_intervals_of_eight_clusters_cover_the_truth_as_often_as_they_say():
+    # Two and a half standard errors of 300 draws about 95 %.
+    assert 0.92 <= coverage("bootstrap_t", 8) <= 0.98
+
+
+def test_percentiles_of_eight_clusters_do_not():
+    assert coverage("percentile", 8) < 0.91
+
+
+@pytest.mark.parametrize("confidence", [0.8, 0.95])
+def test_student_s_interval_of_a_mean_is_scipy_s(confidence):
+    rng = np.random.default_rng(5)
+    each = rng.normal(3.0, 1.0, 7)
+    found = mean_interval(np.repeat(np.arange(7), 4), np.repeat(each, 4), Bootstrap(100, confidence, 1, "t"))
+    low, high = stats.t.interval(confidence, 6, loc=each.mean(), scale=stats.sem(each))
+    assert (found.low, found.high) == (pytest.approx(low), pytest.approx(high))
+
+
+def test_the_default_is_never_shorter_than_student_s_over_the_jackknife():
+    rng = np.random.default_rng(6)
+    recordings, saved, losses = skewed(rng, 12)
+    found = ratio_interval(recordings, saved, losses, DRAWS)
+    above, below = recording_sums(recordings, saved, losses)
+    ratio = saved.sum() / losses.sum()
+    pseudo = 12 * ratio - 11 * (above.sum() - above) / (below.sum() - below)
+    reach = stats.t.ppf(0.975, 11) * stats.sem(pseudo)
+    assert found.low <= ratio - reach + 1e-12
+    assert found.high > ratio + reach  # the tail lies above
+
+
+@pytest.mark.parametrize("method", ["bootstrap_t", "t"])
+def test_below_five_clusters_there_is_no_interval(method):
+    draws = Bootstrap(200, 0.95, 1, method)
+    values = np.random.default_rng(0).normal(size=20)
+    four, five = (mean_interval(np.arange(20) % n, values, draws) for n in (4, 5))
+    assert np.isnan([four.low, four.high]).all()
+    assert five.low < values.mean() < five.high
+
+
+def test_a_sum_that_may_be_nothing_has_no_interval_below_the_line():
+    one = np.arange(1.0, 9.0)
+    found = ratio_interval(np.arange(8), one, np.array([9.0, -1.0, -1.0, -1.0, -1.0, -1.0, -1.0, -1.0]), DRAWS)
+    assert np.isnan([found.low, found.high]).all()
+
+
+def test_the_gain_of_what_is_added():
+    clusters = np.arange(6)
+    gain, low, high = gain_of_added(np.full(6, 4.0), np.array([3.0, 3.1, 2.9, 3.0, 3.2, 2.8]), clusters, DRAWS)
+    assert gain == pytest.approx(0.25)
+    assert low < 0.25 < high
+    assert np.isnan(gain_of_added(np.array([1.0, -1.0] * 3), np.ones(6), clusters, DRAWS)).all()
+
+
+def test_what_the_largest_carry():
+    assert share_carried(np.array([46.0, *np.full(19, 54.0 / 19)])) == pytest.approx(0.46)
+    assert share_carried(np.array([3.0, 1.0])) == pytest.approx(0.75)
+    assert np.isnan(share_carried(np.zeros(4)))
+    assert np.isnan(share_carried(np.empty(0)))
 
 
 def test_events_of_one_recording_stand_and_fall_together():
@@ -68,7 +141,8 @@ def test_events_of_one_recording_stand_and_fall_together():
 
 
 def test_a_ratio_of_sums_is_not_a_mean_of_ratios():
-    interval = ratio_interval(np.array([1, 2]), np.array([1.0, 90.0]), np.array([2.0, 100.0]), DRAWS)
+    percentile = Bootstrap(4000, 0.95, 3, "percentile")
+    interval = ratio_interval(np.array([1, 2]), np.array([1.0, 90.0]), np.array([2.0, 100.0]), percentile)
     assert interval.low == pytest.approx(0.5)
     assert interval.high == pytest.approx(0.9)
 

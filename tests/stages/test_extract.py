@@ -137,6 +137,12 @@ def test_funnel_adds_up(known):
     assert set(crossings.loc[crossings["usable"], "reason"]) == {""}
     assert set(crossings.loc[~crossings["usable"], "reason"]) <= set(names.REASONS)
     assert crossings.loc[crossings["usable"], "event_id"].tolist() == events["event_id"].tolist()
+    speeds = (
+        tables["tracks"]
+        .set_index(["vehicle_id", "frame"])["vx"]
+        .loc[pd.MultiIndex.from_frame(crossings[["ego_id", "crossing_frame"]])]
+    )
+    np.testing.assert_allclose(crossings["speed_mps"], speeds, atol=1e-4)
     assert (events["duration_s"] == (events["end_frame"] - events["start_frame"]) / scene.rate).all()
 
 

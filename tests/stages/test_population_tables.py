@@ -12,7 +12,7 @@ from highd_lc.stages.population_tables import (
     solver_summary,
     worse_for_somebody,
 )
-from highd_lc.stages.statistics import PolicyLosses
+from highd_lc.stages.statistics import PolicyLosses, clusters_of, selection_weights, validation_matrix
 from highd_lc.vocab import names
 from highd_lc.vocab.sections import StatisticsSettings
 from highd_lc.vocab.tables import TABLES
@@ -115,6 +115,99 @@ def test_a_total_that_grows_is_listed_too():
     losses.loc[losses["policy"] == names.LOCAL_OPTIMUM, "loss_av"] += 5.0
     worse = worse_for_somebody(PolicyLosses(losses), STATISTICS)
     assert set(worse.loc[worse["who"] == "together", "event_id"]) == set(IDS) - {INFEASIBLE}
+
+
+def with_unchanged(losses: pd.DataFrame, unchanged: float) -> pd.DataFrame:
+    """The losses with those of no lane change, half of them the followers', and what a matrix asks for beside."""
+    still = losses[losses["policy"] == names.BENCHMARK].assign(policy=names.NO_LANE_CHANGE, loss_total=unchanged)
+    still = still.assign(loss_hv=unchanged / 2.0, loss_av=unchanged / 2.0)
+    human = still.assign(policy=names.HUMAN)
+    frame = pd.concat([losses, still, human], ignore_index=True)
+    frame["loss_hv_each"] = [each if isinstance(each, list) else [] for each in frame["loss_hv_each"]]
+    return frame.assign(follower_n_samples=10, recorded_n_samples=8)
+
+
+def matrix_events() -> pd.DataFrame:
+    return made_events().assign(
+        ego_class=names.CAR,
+        direction=names.LEFT,
+        n_followers=2,
+        target_leader_id=5.0,
+        leader_leaves_s=np.nan,
+        speed_mps=30.0,
+        leader_seen_s=6.0,
+        weight=np.where(np.arange(len(IDS)) % 2 == 0, 3.0, 1.0),
+    )
+
+
+def matrix_of(unchanged: float, **settings) -> pd.DataFrame:
+    losses = PolicyLosses(with_unchanged(made_losses(), unchanged))
+    found = validation_matrix(matrix_events(), losses, STATISTICS.model_copy(update=settings), seed=1)
+    return found[found["stratum"] == "all"].set_index("accounting")
+
+
+def test_the_incremental_gain_is_of_the_loss_above_no_lane_change():
+    found = matrix_of(16.0)
+    row = found.loc[names.EQUAL]
+    # 19 events: 20 under the benchmark, 19 under the local optimum, 16 without a lane change.
+    assert row["gain"] == pytest.approx(1 / 20)
+    assert row["gain_incremental"] == pytest.approx(1 / 4)
+    assert (row["added_benchmark"], row["added_local"]) == pytest.approx((19 * 4.0, 19 * 3.0))
+    assert (row["added_hv_benchmark"], row["added_hv_local"]) == pytest.approx((19 * 2.0, 0.0))
+    assert (row["leader_seen_s"], row["share_observed"]) == pytest.approx((6.0, 0.8))
+    for accounting in (names.PAPER, names.FOLLOWER_HORIZON):
+        assert found.loc[accounting, "incremental_reason"] == "other_time"
+        assert np.isnan(found.loc[accounting, "gain_incremental"])
+
+
+def test_where_the_benchmark_adds_nothing_there_is_no_incremental_gain_but_a_reason():
+    row = matrix_of(20.0).loc[names.EQUAL]
+    assert row["incremental_reason"] == "adds_nothing"
+    assert np.isnan(row[["gain_incremental", "gain_incremental_low", "gain_incremental_high"]].astype(float)).all()
+
+
+def test_four_recordings_have_no_interval_and_as_percentiles_they_have():
+    row = matrix_of(16.0).loc[names.EQUAL]
+    assert row["n_clusters"] == 4
+    assert np.isnan([row["gain_low"], row["gain_high"]]).all()
+    assert np.isfinite(matrix_of(16.0, interval="percentile").loc[names.EQUAL, "gain_low"])
+    assert matrix_of(16.0, clusters="location").loc[names.EQUAL, "n_clusters"] == 2
+
+
+def test_clusters_are_recordings_or_their_locations():
+    events = made_events()
+    assert clusters_of(events, STATISTICS).tolist() == events["recording_id"].tolist()
+    by_site = clusters_of(events, STATISTICS.model_copy(update={"clusters": "location"}))
+    assert by_site.tolist() == events["location_id"].tolist()
+
+
+def test_a_usable_lane_change_stands_for_all_of_its_kind():
+    crossings = pd.DataFrame(
+        [
+            ("a", names.CAR, names.LEFT, 10.0, True),
+            ("b", names.CAR, names.LEFT, 14.9, False),
+            ("c", names.CAR, names.LEFT, 15.0, True),
+            ("d", names.TRUCK, names.LEFT, 10.0, True),
+            ("e", names.TRUCK, names.LEFT, 11.0, True),
+            ("f", names.TRUCK, names.LEFT, 12.0, False),
+            ("g", names.CAR, "", 10.0, False),
+            ("h", names.CAR, names.RIGHT, 10.0, False),
+        ],
+        columns=["event_id", "ego_class", "direction", "speed_mps", "usable"],
+    )
+    assert selection_weights(crossings).to_dict() == pytest.approx({"a": 2.0, "c": 1.0, "d": 1.5, "e": 1.5})
+
+
+def test_reweighting_counts_events_as_often_as_they_were_found():
+    losses = with_unchanged(made_losses(), 16.0)
+    heavy = losses["event_id"].isin(IDS[::2]) & (losses["policy"] == names.LOCAL_OPTIMUM)
+    losses.loc[heavy, "loss_total"] = 10.0
+    found = validation_matrix(matrix_events(), PolicyLosses(losses), STATISTICS, seed=1)
+    row = found[(found["stratum"] == "all") & (found["accounting"] == names.EQUAL)].iloc[0]
+    # Ten events of weight 3 save half of 20, nine of weight 1 a twentieth; the tenth of these has no plan.
+    assert row["gain"] == pytest.approx(109 / 380)
+    assert row["gain_reweighted"] == pytest.approx(309 / 780)
+    assert row["share_top"] == pytest.approx(10 / 109)
 
 
 MODELS = ("own_fit", "table3")

@@ -132,6 +132,7 @@ CROSSINGS = Table(
         _word("ego_class", "Car or Truck", names.CLASSES),
         _word("direction", "left or right; empty when a side is outside the markings", ("left", "right", "")),
         _count("crossing_frame", "first frame with the box centre in the target lane"),
+        _number("speed_mps", "forward speed at crossing_frame", "m/s"),
         Column("origin_lane", "int64", "lane before; null outside the markings", "", True, 1),
         Column("target_lane", "int64", "lane after; null outside the markings", "", True, 1),
         Column("start_frame", "int64", "start by the lateral rule; null if not in view", "", True, 1),

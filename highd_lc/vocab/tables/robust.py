@@ -52,11 +52,11 @@ ROBUST_SUMMARY = Table(
         count("n_events", "events planned with both"),
         count("n_compared", "of these, events in which nobody drives through another under any of the plans"),
         number("gain", "1 - ratio of the sums to the benchmark's; of expected and worst: mean over events"),
-        number("gain_low", "lower end of the bootstrap interval over recordings"),
-        number("gain_high", "upper end of the bootstrap interval over recordings"),
+        number("gain_low", "lower end of the interval over recordings; null below five"),
+        number("gain_high", "upper end of the interval over recordings; null below five"),
         number("beyond_plain", "mean over events of the gain beyond the plain local optimum's; negative: a cost"),
-        number("beyond_low", "lower end of its bootstrap interval over recordings"),
-        number("beyond_high", "upper end of its bootstrap interval over recordings"),
+        number("beyond_low", "lower end of its interval over recordings; null below five"),
+        number("beyond_high", "upper end of its interval over recordings; null below five"),
     ),
 )
 

@@ -35,8 +35,8 @@ _GAIN = (
     number("total_benchmark", "sum of loss_total under the benchmark"),
     number("total_local", "sum of loss_total under the local optimum"),
     number("gain", "1 - total_local / total_benchmark"),
-    number("gain_low", "lower end of the bootstrap interval over recordings"),
-    number("gain_high", "upper end of the bootstrap interval over recordings"),
+    number("gain_low", "lower end of the interval over recordings; null below five"),
+    number("gain_high", "upper end of the interval over recordings; null below five"),
     number("gain_av", "1 - ratio of the sums of the AV's loss"),
     number("gain_hv", "1 - ratio of the sums of the followers' loss"),
     number("share_better", "share of events with a lower total under the local optimum"),
@@ -297,8 +297,8 @@ FORESIGHT_SUMMARY = Table(
         number("objective", "sum of the objective over the compared events"),
         number("objective_recorded", "the same events under recorded leaders"),
         number("value_of_information", "1 - objective_recorded / objective: what knowing the leaders is worth"),
-        number("value_low", "lower end of its bootstrap interval over recordings"),
-        number("value_high", "upper end of its bootstrap interval over recordings"),
+        number("value_low", "lower end of its interval over recordings; null below five"),
+        number("value_high", "upper end of its interval over recordings; null below five"),
     ),
 )
 

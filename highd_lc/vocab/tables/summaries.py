@@ -78,6 +78,26 @@ _POLICY = word("policy", "who planned the motion (equations.md 6)", names.POLICI
 _ACCOUNTING = word("accounting", "over which time each side is charged", names.ACCOUNTINGS)
 _FOLLOWER_MODEL = word("followers", "follower model that planned and scored; the default one first")
 
+SPEED_CLASSES: Final = (15.0, 25.0, 33.0)
+"""Edges of the ego's speed classes [m/s]."""
+ADDS_NOTHING: Final = "adds_nothing"
+OTHER_TIME: Final = "other_time"
+NO_REFERENCE: Final = "no_reference"
+INCREMENTAL_REASONS: Final = ("", ADDS_NOTHING, OTHER_TIME, NO_REFERENCE)
+"""Why there is no incremental gain: the benchmark adds no loss to that of no lane change; the accounting charges
+that over another time; it, or a plan, is not known."""
+
+ADDED: Final = (
+    "gain_incremental",
+    "gain_incremental_low",
+    "gain_incremental_high",
+    "added_benchmark",
+    "added_local",
+    "added_hv_benchmark",
+    "added_hv_local",
+)
+"""Columns of what the lane change adds to the losses."""
+
 VALIDATION_MATRIX = Table(
     "validation_matrix",
     "follower model, form, accounting and stratum",
@@ -98,8 +118,24 @@ VALIDATION_MATRIX = Table(
         number("total_benchmark", "sum of loss_total under the benchmark"),
         number("total_local", "sum of loss_total under the local optimum"),
         number("gain", "1 - total_local / total_benchmark"),
-        number("gain_low", "lower end of the bootstrap interval over recordings"),
-        number("gain_high", "upper end of the bootstrap interval over recordings"),
+        count("n_clusters", "recordings, or locations, with an event in the totals, over which intervals vary"),
+        number("gain_low", "lower end of its interval; null below five clusters"),
+        number("gain_high", "upper end of its interval; null below five clusters"),
+        number(
+            "gain_incremental",
+            "1 - added_local / added_benchmark: what of the loss that the lane change adds is saved; null: see "
+            "incremental_reason",
+        ),
+        number("gain_incremental_low", "lower end of its interval; null also where the benchmark may add nothing"),
+        number("gain_incremental_high", "upper end of its interval"),
+        word("incremental_reason", "why gain_incremental is null; empty where it is not", INCREMENTAL_REASONS),
+        number("added_benchmark", "sum of loss_total above that of no_lane_change, benchmark, accounting equal"),
+        number("added_local", "the same, local optimum"),
+        number("added_hv_benchmark", "the followers' part of added_benchmark"),
+        number("added_hv_local", "the followers' part of added_local"),
+        number("share_top", "share of the sum of savings that the 5 % of events with the largest ones carry"),
+        number("gain_reweighted", "gain, each event counted as often as its kind was found (equations.md 12.6)"),
+        number("leader_seen_s", "mean time after t_start for which the target leader is filmed", "s", minimum=0),
         number("gain_hv", "1 - ratio of the sums of loss_hv"),
         number("gain_av", "1 - ratio of the sums of loss_av"),
         number("median_difference", "median of the paired relative difference of loss_total"),
@@ -227,8 +263,8 @@ SUMMARY_LOSSES = Table(
         number("ratio_of_sums", "sum of the policy over sum of the other"),
         number("median_difference", "median of the paired difference"),
         number("hodges_lehmann", "Hodges-Lehmann estimate of the paired difference"),
-        number("difference_low", "lower end of the bootstrap interval of the mean difference"),
-        number("difference_high", "upper end of the bootstrap interval of the mean difference"),
+        number("difference_low", "lower end of the interval of the mean difference; null below five recordings"),
+        number("difference_high", "upper end of the interval of the mean difference"),
         number("share_better", "share of events below the other policy"),
         number("share_worse", "share of events above the other policy"),
         number("share_tied", "share of events within the tie band"),
