@@ -121,8 +121,7 @@ def with_unchanged(losses: pd.DataFrame, unchanged: float) -> pd.DataFrame:
     """The losses with those of no lane change, half of them the followers', and what a matrix asks for beside."""
     still = losses[losses["policy"] == names.BENCHMARK].assign(policy=names.NO_LANE_CHANGE, loss_total=unchanged)
     still = still.assign(loss_hv=unchanged / 2.0, loss_av=unchanged / 2.0)
-    human = still.assign(policy=names.HUMAN)
-    frame = pd.concat([losses, still, human], ignore_index=True)
+    frame = pd.concat([losses, still], ignore_index=True)
     frame["loss_hv_each"] = [each if isinstance(each, list) else [] for each in frame["loss_hv_each"]]
     return frame.assign(follower_n_samples=10, recorded_n_samples=8)
 
