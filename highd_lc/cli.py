@@ -327,6 +327,45 @@ def truth(
 
 
 @app.command()
+def multiverse(
+    pipeline: Pipeline = None,
+    data: Data = None,
+    work: Work = DEFAULT_WORK,
+    reports: Reports = DEFAULT_REPORTS,
+    workers: Workers = 2,
+    choices: Annotated[
+        str | None, typer.Option(metavar="FILE", help="table of choices (TOML); default: the pipeline's")
+    ] = None,
+    sample: Annotated[int | None, typer.Option(min=0, help="events; default: the pipeline's, else 60")] = None,
+    format_: Format = None,
+    json_: Json = False,
+) -> None:
+    """Plan a sample of events under every defensible choice: the range of the gain, the specification curve."""
+    from highd_lc import engine
+    from highd_lc.io.event_description import records
+    from highd_lc.reporting.terminal import multiverse_table
+
+    folder = _data(data)
+    asked = {"choices": choices, "sample": sample}
+    settings = settings_file.with_multiverse(
+        _settings(pipeline, folder, format_), {k: v for k, v in asked.items() if v is not None}
+    )
+    outcome = Outcome()
+    with _signals_as_errors():
+        options = Options(folder, work, reports, workers)
+        where = errors if json_ else console
+        table, text = engine.multiverse(settings, options, console=where, outcome=outcome)
+    page = (reports / "multiverse.html").resolve()
+    if json_:
+        print_json(console, {"range": text, "multiverse": records(table), "page": str(page)})
+    else:
+        console.print(multiverse_table(table))
+        console.print(text, markup=False, highlight=False)
+        console.print(f"multiverse: {page}", soft_wrap=True)
+    _end_with_problems(outcome)
+
+
+@app.command()
 def synthesize(
     out: Annotated[Path, typer.Argument(help="folder to write to")],
     recordings: Annotated[int, typer.Option(min=1, max=200, help="number of recordings")] = 3,

@@ -6,18 +6,22 @@ from contextlib import ExitStack
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 from rich.console import Console
 
 from highd_lc.execution import Cluster, Execution, InProcess, LocalProcesses
 from highd_lc.io import atomic, workspace
+from highd_lc.io.choices import choices_text, variants_of
 from highd_lc.io.formats import format_of
 from highd_lc.io.settings import digest, resolved
 from highd_lc.io.workspace import Records, find_inputs
 from highd_lc.stage_run import STAGES, Stage, StageRun
 from highd_lc.vocab.job import JobReport, Options, Outcome, Provenance
 from highd_lc.vocab.settings import Settings
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 _OF_REPORTS: Final[dict[str, Any]] = {"role": "reports", "name": ".lock", "below": ("", "events")}
 """How the folder of the pages is owned: what else is below it has other owners."""
@@ -38,6 +42,8 @@ def run(
         options = _absolute(options)
     for stage in STAGES:
         stage.refuse_senseless(options)
+    if choices_text(settings.validation):
+        variants_of(settings.validation)  # a bad choice is refused before anything is done
     if settings.validation.planners:
         from highd_lc.stages.other_planners import OtherPlanners  # seconds, and few runs have any
 
@@ -69,6 +75,21 @@ def compare_with_truth(settings: Settings, options: Options, *, console: Console
         about = Provenance(digest(settings), inputs, settings.seed, workspace.code_version())
         table = truth.run(data, options.work, options.reports, settings, about)
     return list(truth.said(table))
+
+
+def multiverse(
+    settings: Settings, options: Options, *, console: Console, outcome: Outcome
+) -> tuple["pd.DataFrame", str]:
+    """Bring the run up to validate and make the page of its multiverse; the table ``multiverse`` and its range."""
+    from highd_lc.io import artefacts
+    from highd_lc.reporting.pages_multiverse import by_gain, range_words
+    from highd_lc.stages.overview_pages import write_multiverse
+
+    run(settings, options, last="validate", console=console, outcome=outcome)
+    with workspace.owned(options.work):
+        write_multiverse(options.work, options.reports, settings.validation)
+        table = artefacts.read(options.work, "multiverse")
+    return by_gain(table), range_words(table)
 
 
 def _up_to(wanted: set[str]) -> tuple[Stage, ...]:

@@ -20,6 +20,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from highd_lc.execution import Execution
 from highd_lc.io import artefacts, atomic, workspace
 from highd_lc.io.atomic import Written
+from highd_lc.io.choices import choices_text
 from highd_lc.io.settings import digest
 from highd_lc.io.workspace import Inputs, Records
 from highd_lc.vocab.errors import ClusterError, HighdLcError, InputError, StorageError, WorkerLostError, told
@@ -90,7 +91,8 @@ class Stage:
         """What its work on a recording depends on beside its inputs and the code."""
         found = [attrgetter(name)(settings) for name in self.settings]
         plain = [repr(value) if isinstance(value, float) else value for value in found]
-        return plain + self._contents(settings) + self._functions(settings)
+        choices = [choices_text(settings.validation)] if self.name == "validate" else []
+        return plain + self._contents(settings) + self._functions(settings) + choices
 
     def _contents(self, settings: Settings) -> list[Dependency]:
         """Hashes of the files that its settings name; who reads a missing one says so."""

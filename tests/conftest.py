@@ -38,6 +38,7 @@ def small_studies(settings: Settings) -> Settings:
     few |= {"draws": 2, "replans": 1, "population": 8, "generations": 2, "horizons_s": (5.0,)}
     few |= {"multibody_sample": 1, "safety_sample": 4}
     values["validate"]["studies"] |= few
+    values["validate"]["multiverse"]["sample"] = 2
     return Settings.model_validate(values)
 
 

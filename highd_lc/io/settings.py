@@ -50,10 +50,11 @@ def load_model(path: Path, model: type[Model]) -> Model:
     try:
         return model.model_validate(values)
     except ValidationError as error:
-        raise SettingsError(f"{path}: {_in_one_line(error, model)}") from error
+        raise SettingsError(f"{path}: {one_line(error, model)}") from error
 
 
-def _in_one_line(error: ValidationError, model: type[BaseModel] = Settings) -> str:
+def one_line(error: ValidationError, model: type[BaseModel] = Settings) -> str:
+    """The first fault of settings: key, value and what is allowed."""
     first = error.errors()[0]
     if not first["loc"]:
         return str(first["msg"])
@@ -97,6 +98,12 @@ def with_ingest(settings: Settings, changes: dict[str, Any]) -> Settings:
     return _with(settings, "ingest", changes)
 
 
+def with_multiverse(settings: Settings, changes: dict[str, Any]) -> Settings:
+    """The settings with some of the multiverse's replaced. Raises SettingsError if one is not allowed."""
+    old = settings.validation.multiverse.model_dump()
+    return _with(settings, "validation", {"multiverse": old | changes})
+
+
 def with_planners(settings: Settings, planners: Sequence[str]) -> Settings:
     """The settings with planners of others added to those that the pipeline names."""
     return _with(settings, "validation", {"planners": [*settings.validation.planners, *planners]})
@@ -107,5 +114,5 @@ def _with(settings: Settings, section: str, changes: dict[str, Any]) -> Settings
     try:
         new = type(old).model_validate(old.model_dump(by_alias=True) | changes)
     except ValidationError as error:
-        raise SettingsError(f"command line: {section}.{_in_one_line(error)}") from error
+        raise SettingsError(f"command line: {section}.{one_line(error)}") from error
     return settings.model_copy(update={section: new})

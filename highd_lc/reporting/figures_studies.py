@@ -227,3 +227,64 @@ def fits_figure(traces: Sequence[tuple[str, FloatArray, FloatArray, FloatArray, 
     if traces:
         grid[0, 0].legend(**LEGEND)
     return figure
+
+
+_CHOICES: Final = {
+    "followers": "followers", "leader_from": "leader from", "accounting": "accounting", "horizon_s": "H [s]",
+    "v_ref_av": "v_ref, AV [m/s]", "v_ref_hv": "v_ref, followers [m/s]", "reference": "reference",
+    "aggregation": "aggregation", "comfort_scale": "N_c [m/s³]", "T_max": "T_max [s]", "leaders": "leaders",
+    "after": "after T", "handover": "handover", "safety": "safety",
+}  # fmt: skip
+
+
+def chosen_dots(table: pd.DataFrame) -> dict[str, list[int]]:
+    """For every choice that not all variants make alike, the places of the rows that make it.
+
+    table: rows of ``multiverse``. Settings without a column of their own come last, as the variants change them.
+    """
+    dots: dict[str, list[int]] = {}
+    for column, label in _CHOICES.items():
+        values = table[column].tolist()
+        for value in sorted(set(values)) if len(set(values)) > 1 else ():
+            text = f"{value:g}" if isinstance(value, float) else value
+            dots[f"{label}: {text}"] = [k for k, other in enumerate(values) if other == value]
+    for k, changes in enumerate(table["changes"]):
+        for change in changes:
+            if change.partition(" = ")[0] not in _KNOWN_KEYS:
+                dots.setdefault(change, []).append(k)
+    return dots
+
+
+_KNOWN_KEYS: Final = frozenset(
+    ("accounting", "followers.model", "safety.profile", *(f"loss.{name}" for name in _CHOICES),
+     *(f"planner.{name}" for name in _CHOICES))
+)  # fmt: skip
+
+
+def multiverse_figure(table: pd.DataFrame) -> Figure:
+    """Specification curve: gains with their intervals, and the choices of each variant below. table: by gain."""
+    dots = chosen_dots(table)
+    low = 0.4 + 0.15 * max(len(dots), 1)
+    figure, grid = panels(9.4, 2.6 + low, rows=2, sharex=True, gridspec_kw={"height_ratios": [2.2, low]})
+    curve, below = grid[0, 0], grid[1, 0]
+    _curve(curve, table)
+    for row, places in enumerate(dots.values()):
+        below.plot(places, [row] * len(places), "o", color=INK, ms=3)
+    below.set_yticks(range(len(dots)), list(dots))
+    below.set_ylim(len(dots) - 0.5, -0.5)
+    below.set_xticks([])
+    below.set_xlabel("variants, by gain", fontsize=SIZE, color=QUIET)
+    below.grid(axis="y", color=LINE, lw=0.5)
+    return figure
+
+
+def _curve(axes: Axes, table: pd.DataFrame) -> None:
+    place = np.arange(len(table))
+    axes.vlines(place, 100 * table["gain_low"], 100 * table["gain_high"], color=QUIET, lw=1.2)
+    for own, colour, label in ((False, "#0072B2", "one variant"), (True, "#D55E00", "as in the run")):
+        mine = (table["kind"] == "run").to_numpy() == own
+        axes.plot(place[mine], 100 * table["gain"].to_numpy(float)[mine], "o", color=colour, ms=4, label=label)
+    axes.axhline(0, color=INK, lw=0.8)
+    axes.set_ylabel("gain [%]", fontsize=SIZE, color=QUIET)
+    axes.grid(axis="y", color=LINE, lw=0.5)
+    axes.legend(**LEGEND)

@@ -76,6 +76,7 @@ PAGES: Final = (
     ("prediction.html", "Followers"),
     ("matrix.html", "Validation matrix"),
     ("studies.html", "Robustness"),
+    ("multiverse.html", "Multiverse"),
     ("start.html", "Start"),
     ("calibration.html", "Calibration"),
     ("data.html", "Data"),

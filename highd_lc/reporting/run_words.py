@@ -5,7 +5,7 @@ is said with the reason.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Final
 
 import pandas as pd
@@ -23,6 +23,7 @@ from highd_lc.reporting.certainty_words import (
     selection,
 )
 from highd_lc.reporting.figures_population import ALL
+from highd_lc.reporting.pages_multiverse import range_words
 from highd_lc.scoring.population import BOOTSTRAP_T, LEAST_CLUSTERS, PERCENTILE, STUDENT
 from highd_lc.vocab import names
 from highd_lc.vocab.policy import PAIRS
@@ -72,6 +73,7 @@ class RunTables:
     clusters: str = "recording"
     interval: str = BOOTSTRAP_T
     omega_av: float = 0.5
+    multiverse: pd.DataFrame = field(default_factory=pd.DataFrame)
 
 
 def run_says(run: RunTables) -> list[Said]:
@@ -90,6 +92,7 @@ def _headings(run: RunTables) -> Iterator[tuple[str, Iterable[str]]]:
     yield from ((labels.FORMS[form], _of_form(run, form)) for form in forms)
     yield "Not planned", _not_planned(run)
     yield "What the accounting changes", _accountings(run)
+    yield "What other choices would change", [range_words(run.multiverse)]
     yield "Other places", [_locations(run)]
     yield "Who was selected", selection(run.crossings, _cell(run, forms[0], names.EQUAL))
     yield "What was filmed", [_observed(run), *_leader_seen(run)]
@@ -109,7 +112,8 @@ def run_in_short(run: RunTables) -> str:
     form = _planned(run)[0]
     text = f"{labels.FORMS[form]}, accounting “equal”: {_lower(_gain(run, form))}"
     paper = f"Under “paper”: {_against_paper(run, form)}."
-    return _unbroken(" ".join([text, *_added(run, form), paper, *_cautions(run, [form])]))
+    across = [] if run.multiverse.empty else [range_words(run.multiverse)]
+    return _unbroken(" ".join([text, *_added(run, form), paper, *across, *_cautions(run, [form])]))
 
 
 def _planned(run: RunTables) -> list[str]:

@@ -59,6 +59,23 @@ def _why_no_interval(matrix: pd.DataFrame) -> str:
     return "".join(f"; {reason}" for reason in dict.fromkeys(no_interval(n) for n in whole["n_clusters"]))
 
 
+def multiverse_table(table: pd.DataFrame) -> Table:
+    """The specification curve as a table. table: ``multiverse`` by gain."""
+    found = _table(
+        "Multiverse: gain of the local optimum over the benchmark under every choice, fixed end speed, in %",
+        "added: of the losses above those without a lane change (accounting equal)",
+    )
+    found.add_column("choice", no_wrap=True)
+    for heading in ("events", "inf.", "cont.", "gain", "interval", "added"):
+        found.add_column(heading, justify="right", no_wrap=True)
+    rows: Iterable[Any] = table.itertuples()
+    for row in rows:
+        counts = (str(row.n_events), str(row.infeasible), str(row.contacts))
+        gains = (_percent(row.gain), _interval(row.gain_low, row.gain_high), _percent(row.gain_incremental))
+        found.add_row(str(row.variant), *counts, *gains)
+    return found
+
+
 _BOARD: Final = (
     ("n_planned", "plans", 0),
     ("n_contacts", "contacts", 0),

@@ -25,6 +25,8 @@ from highd_lc.reporting.html import TO_REPORT, TO_SCENARIOS, Crosslink
 from highd_lc.reporting.pages_data import Section, data_page, empty_page, excluded_page
 from highd_lc.reporting.pages_followers import CalibrationTables, calibration_page
 from highd_lc.reporting.pages_index import IndexTables, SummaryTables, index_page, summary_page
+from highd_lc.reporting.pages_multiverse import PAGE as MULTIVERSE_PAGE
+from highd_lc.reporting.pages_multiverse import multiverse_page
 from highd_lc.reporting.pages_population import PriceTables, StartTables, dictionary_page, matrix_page, start_page
 from highd_lc.reporting.pages_prediction import PredictionTables, prediction_page
 from highd_lc.reporting.pages_studies import StudyTables, studies_page
@@ -33,6 +35,7 @@ from highd_lc.stages.scenes import track_of
 from highd_lc.vocab import names
 from highd_lc.vocab.driver import PARAMETERS
 from highd_lc.vocab.sections import StatisticsSettings
+from highd_lc.vocab.settings import ValidateSettings
 from highd_lc.vocab.tables import TABLES
 
 FloatArray = NDArray[np.float64]
@@ -143,6 +146,7 @@ def _run_tables(overview: Overview) -> RunTables:
         clusters=overview.statistics.clusters,
         interval=overview.statistics.interval,
         omega_av=overview.omega_av,
+        multiverse=artefacts.read(overview.work, "multiverse"),
         **overview.read("recordings", "crossings", "events", "leave_one_out"),
     )
 
@@ -155,6 +159,21 @@ def _matrix(overview: Overview) -> str:
 
 def _studies(overview: Overview) -> str:
     return studies_page(StudyTables(**overview.read(*StudyTables.__dataclass_fields__)), [overview.first])
+
+
+def _multiverse(overview: Overview) -> str:
+    return multiverse_page(artefacts.read(overview.work, "multiverse"), [overview.first])
+
+
+def write_multiverse(work: Path, reports: Path, settings: ValidateSettings) -> None:
+    """Write the page of the multiverse alone. work: of a finished validation; settings: of the run."""
+    model, b_max = settings.follower_models[0], settings.followers.b_max
+    page = page_of(
+        MULTIVERSE_PAGE, Overview(work, False, settings.statistics, b_max, model, settings.loss.omega_av)
+    )
+    reports.mkdir(parents=True, exist_ok=True)
+    with whole_file(reports / MULTIVERSE_PAGE) as sink:
+        sink.write(TO_SCENARIOS.opened(page) if has_scenarios(reports) else page)
 
 
 def _prediction(overview: Overview) -> str:
@@ -186,6 +205,7 @@ _MAKERS: Final[Mapping[str, Callable[[Overview], str]]] = {
     "index.html": _index,
     "matrix.html": _matrix,
     "studies.html": _studies,
+    MULTIVERSE_PAGE: _multiverse,
     "calibration.html": _calibration_page,
     PREDICTION_PAGE: _prediction,
     "data.html": _data,
@@ -196,6 +216,7 @@ _MAKERS: Final[Mapping[str, Callable[[Overview], str]]] = {
 _SHOWN: Final = {
     "matrix.html": ("Validation matrix", "losses"),
     "studies.html": ("Robustness", "losses"),
+    MULTIVERSE_PAGE: ("Multiverse", "losses"),
     "start.html": ("Choice of the start", "losses"),
     "calibration.html": ("Calibration", "followers"),
 }

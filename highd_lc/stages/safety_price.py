@@ -42,7 +42,7 @@ def price_rows(study: Study) -> Iterator[Row]:
             problem = planner.pose(study.problem.scene, of_profile(settings, profile))
             plans = planner.plan_all(problem)
         still = {plan.accounting: plan for plan in plans if plan.policy == names.NO_LANE_CHANGE}
-        unchanged = {accounting: _losses(problem, plan) for accounting, plan in still.items()}
+        unchanged = {accounting: plan_losses(problem, plan) for accounting, plan in still.items()}
         for plan in plans:
             if plan.policy in _POLICIES and plan.policy != names.NO_LANE_CHANGE:
                 yield {"safety": profile} | _row(problem, plan, unchanged[plan.accounting])
@@ -55,12 +55,12 @@ def _row(problem: PlanningProblem, plan: Plan, unchanged: Row) -> Row:
         return row
     return (
         row
-        | _losses(problem, plan)
+        | plan_losses(problem, plan)
         | {"violated": broken(problem, plan), "loss_unchanged": sum(unchanged.values())}
     )
 
 
-def _losses(problem: PlanningProblem, plan: Plan) -> Row:
+def plan_losses(problem: PlanningProblem, plan: Plan) -> Row:
     """Losses of AV and followers; none of a plan in which vehicles pass through one another."""
     if plan.replay is None or plan.contact:
         return {"loss_av": np.nan, "loss_hv": np.nan}

@@ -57,7 +57,7 @@ def scene_makers(tables: SceneTables, settings: ValidateSettings) -> Iterator[tu
     """
     events: Iterable[Any] = tables.events.itertuples()
     for event in events:
-        yield event.event_id, partial(_scene, event, tables, settings)
+        yield event.event_id, partial(make_scene, event, tables, settings)
 
 
 def of_own_fits(settings: ValidateSettings) -> ValidateSettings:
@@ -97,7 +97,8 @@ def read_scene_tables(
     )
 
 
-def _scene(event: Any, tables: SceneTables, settings: ValidateSettings) -> Scene:
+def make_scene(event: Any, tables: SceneTables, settings: ValidateSettings) -> Scene:
+    """The scene of an event, a row of ``events``, its followers driven by the default model."""
     ego = _rows(event, names.EGO, tables)
     assert ego is not None, "extraction writes rows of the ego of every event"
     start = int(np.searchsorted(ego["t"], -1e-9))

@@ -46,7 +46,8 @@ class Samples:
     """Ids of the events that are studied, of those on which the solvers are compared, of those whose start is
     chosen as well, of those among them that are planned with predicted leaders, of those whose plans the
     multi-body car drives, of those that the further follower models plan too, of those planned robustly as
-    well, of those with written motions, and of those that are planned under both safety profiles.
+    well, of those with written motions, of those that are planned under both safety profiles, and of those
+    that are planned under every choice of the multiverse.
     """
 
     studied: frozenset[str]
@@ -58,6 +59,7 @@ class Samples:
     robust: frozenset[str]
     traced: frozenset[str]
     priced: frozenset[str]
+    varied: frozenset[str]
 
 
 def samples(job: Job) -> Samples:
@@ -67,7 +69,7 @@ def samples(job: Job) -> Samples:
     drawn = _drawn(job.work, drawn_at, settings, job.settings.seed)
     if not settings.studies.chosen:
         return drawn
-    studies = ("studied", "compared", "started", "foreseen", "multi_body", "robust", "priced")
+    studies = ("studied", "compared", "started", "foreseen", "multi_body", "robust", "priced", "varied")
     return replace(drawn, **dict.fromkeys(studies, frozenset(settings.studies.chosen)))
 
 
@@ -94,6 +96,7 @@ def _drawn(work: Path, written: int, settings: ValidateSettings, seed: int) -> S
         robust=sample(settings.robust.sample),
         traced=sample(_ALL if every else _TRACED[settings.trajectories]),
         priced=sample(studies.safety_sample),
+        varied=sample(settings.multiverse.sample),
     )
 
 

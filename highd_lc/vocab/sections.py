@@ -201,6 +201,19 @@ class RobustSettings(BaseModel):
         return 1.0 if self.aggregate == "mean" else self.worst_share
 
 
+class MultiverseSettings(BaseModel):
+    """Events planned anew under every defensible choice (equations.md 12.7)."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    sample: Annotated[
+        int, Field(ge=0, le=100000, description="events planned so, stratified and seeded; 0 = none")
+    ] = 60
+    choices: Annotated[str, Field(min_length=1, description="table of the choices: TOML file or shipped name")] = (
+        "multiverse"
+    )
+
+
 class StudySettings(BaseModel):
     """Scores under what was not optimised, and studies on a stratified, seeded sample (equations.md 12)."""
 

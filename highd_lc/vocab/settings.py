@@ -11,6 +11,7 @@ from highd_lc.vocab.safety import SafetySettings
 from highd_lc.vocab.sections import (
     ConstraintSettings,
     LossSettings,
+    MultiverseSettings,
     RecorderSettings,
     RobustSettings,
     Section,
@@ -297,6 +298,7 @@ class ValidateSettings(Section):
     statistics: StatisticsSettings = StatisticsSettings()
     studies: StudySettings = StudySettings()
     robust: RobustSettings = RobustSettings()
+    multiverse: MultiverseSettings = MultiverseSettings()
     planners: Annotated[
         tuple[Annotated[str, Field(min_length=1)], ...],
         Field(description="planners of others beside ours: module:function, or names of entry points"),

@@ -146,3 +146,21 @@ def pareto_summary() -> pd.DataFrame:
         for e, knee in (("01-0001-00107", 21.5), ("02-0002-00114", np.nan))
     ]  # fmt: skip
     return pd.DataFrame(rows)
+
+
+def variants() -> pd.DataFrame:
+    """Rows of ``multiverse``: the run, every choice of H, followers that nobody calibrated."""
+    run = {
+        "variant": "run", "kind": "run", "changes": [], "followers": names.POPULATION, "leader_from": "start",
+        "accounting": names.EQUAL, "horizon_s": 15.0, "v_ref_av": 33.54, "v_ref_hv": 33.54, "reference": "desired",
+        "aggregation": "weighted", "comfort_scale": 8.0, "T_max": 10.0, "leaders": "recorded", "after": "lcm",
+        "handover": "counted", "safety": "practice", "gain_incremental": 0.1, **gains(0),
+    }  # fmt: skip
+    rows = [run]
+    for k, horizon in enumerate((5.0, 8.0, 10.0), start=1):
+        name = f"H: {horizon:g}"
+        changes = [f"loss.horizon_s = {horizon:g}"]
+        rows.append(run | gains(k) | {"variant": name, "kind": "choice", "changes": changes, "horizon_s": horizon})
+    nobody = {"variant": "followers: idm", "kind": "choice", "changes": [], "followers": "idm", "n_events": 0}
+    unknown = dict.fromkeys(("gain", "gain_low", "gain_high", "gain_incremental"), np.nan)
+    return pd.DataFrame([*rows, run | nobody | unknown], columns=list(TABLES["multiverse"].column_names))

@@ -7,7 +7,7 @@ from browser import Watched, chromium
 from sample_event import infeasible_event, sample_event, unplanned_event
 from sample_prediction import nobody, sample_prediction
 from sample_run import calibration, matrix, recordings, sample_run, sample_summary
-from sample_studies import studies
+from sample_studies import studies, variants
 from test_pages_event import trace
 from test_pages_start import foresight, tiles
 
@@ -15,6 +15,7 @@ from highd_lc.reporting.pages_data import data_page, excluded_page
 from highd_lc.reporting.pages_event import Links, event_page
 from highd_lc.reporting.pages_followers import calibration_page
 from highd_lc.reporting.pages_index import index_page, summary_page
+from highd_lc.reporting.pages_multiverse import multiverse_page
 from highd_lc.reporting.pages_population import StartTables, dictionary_page, matrix_page, start_page
 from highd_lc.reporting.pages_prediction import prediction_page
 from highd_lc.reporting.pages_studies import studies_page
@@ -38,6 +39,7 @@ def folder(tmp_path_factory):
         "matrix.html": matrix_page(matrix()),
         "calibration.html": calibration_page(calibration()),
         "studies.html": studies_page(studies()),
+        "multiverse.html": multiverse_page(variants()),
         "data.html": data_page(recordings(), sample_run().crossings, sample_run().events),
         "start.html": start_page(StartTables(tiles(), foresight())),
         "prediction.html": prediction_page(sample_prediction()),
@@ -296,7 +298,18 @@ def test_another_form_and_accounting_changes_the_gains(opened):
 
 @pytest.mark.parametrize(
     "name",
-    ["summary", "prediction", "matrix", "studies", "start", "calibration", "data", "excluded", "dictionary"],
+    [
+        "summary",
+        "prediction",
+        "matrix",
+        "studies",
+        "multiverse",
+        "start",
+        "calibration",
+        "data",
+        "excluded",
+        "dictionary",
+    ],
 )
 def test_overview_pages_are_quiet(opened, name):
     page = opened(f"{name}.html")
@@ -307,8 +320,8 @@ def test_overview_pages_are_quiet(opened, name):
 
 
 ALL_PAGES = (
-    "index", "summary", "prediction", "nobody", "matrix", "studies", "start", "calibration", "data", "excluded",
-    "dictionary",
+    "index", "summary", "prediction", "nobody", "matrix", "studies", "multiverse", "start", "calibration", "data",
+    "excluded", "dictionary",
 )  # fmt: skip
 
 

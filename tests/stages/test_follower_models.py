@@ -24,7 +24,12 @@ KEY = ["event_id", "policy", "accounting"]
 
 def settings(**followers):
     samples = ("sample", "start_sample", "foresight_sample", "solver_sample", "multibody_sample")
-    few = {"studies": dict.fromkeys(samples, 0), "statistics": {"bootstrap": 100}, "trajectories": "none"}
+    few = {
+        "studies": dict.fromkeys(samples, 0),
+        "statistics": {"bootstrap": 100},
+        "multiverse": {"sample": 0},
+        "trajectories": "none",
+    }
     return Settings.model_validate(
         {"calibrate": {"optimiser": "screen", "study_sample": 0}, "validate": few | {"followers": followers}}
     )

@@ -28,6 +28,7 @@ SETTINGS = Settings.model_validate(
             "followers": {"model": "own_fit"},
             "planner": {"T_max": 4.0},
             "studies": _NO_STUDIES,
+            "multiverse": {"sample": 0},
             "statistics": {"bootstrap": 200},
         },
     }

@@ -23,6 +23,7 @@ SETTINGS = Settings.model_validate(
                 "population": 24, "generations": 6, "horizons_s": [5.0], "multibody_sample": 2,
             },
             "robust": {"sample": 3, "draws": 2},
+            "multiverse": {"sample": 1},
             "statistics": {"bootstrap": 200, "interval": "percentile"},
         },
     }

@@ -1,11 +1,11 @@
-"""Columns of what plans gain under several follower models, and of plans for followers that nobody knows."""
+"""Columns of what plans gain under several follower models or choices, and of plans for unknown followers."""
 
 from typing import Final
 
 from highd_lc.vocab import names
 from highd_lc.vocab.policy import OPTIMAL_POLICIES
 from highd_lc.vocab.tables.columns import Column, Table, count, number, word
-from highd_lc.vocab.tables.studies import SEEN, TILE
+from highd_lc.vocab.tables.studies import GAIN, SEEN, TILE
 
 _RECORDING = Column("recording_id", "int64", "number in the recording's file name", minimum=0)
 _EVENT = word("event_id", "RR-VVVV-FFFFF: recording, ego, crossing frame")
@@ -77,4 +77,52 @@ SITUATION_RANKING = Table(
     ),
 )
 
-ROBUST_TABLES: Final = (EVENT_GAINS, ROBUST_SUMMARY, SITUATION_RANKING)
+MULTIVERSE_LOSSES = Table(
+    "multiverse_losses",
+    "event of the multiverse's sample, variant and policy: fixed end speed",
+    ("recording_id", "event_id", "variant", "policy"),
+    (
+        _EVENT,
+        _RECORDING,
+        word("variant", "name of the choice or combination; run = as in the run"),
+        word("policy", "benchmark or local optimum", names.FIXED_POLICIES),
+        _ACCOUNTING,
+        word("status", "outcome of the planner", names.PLAN_STATUSES),
+        word("contact", "who drives through whom: there are no losses then; empty = nobody"),
+        number("loss_av", "loss of the AV", minimum=0),
+        number("loss_hv", "followers' loss", minimum=0),
+        number("loss_unchanged", "loss_total of no lane change; null after a contact", minimum=0),
+    ),
+)
+
+MULTIVERSE = Table(
+    "multiverse",
+    "variant: the same question under another defensible choice, on one sample of events, fixed end speed",
+    ("variant",),
+    (
+        word("variant", "name of the choice or combination; run = as in the run"),
+        word("kind", "run, one choice, or several at once", ("run", "choice", "combination")),
+        Column("changes", "list<string>", "settings that differ from the run's, key = value"),
+        word("followers", "follower model that planned and scored"),
+        word("leader_from", "from when HV_1 follows the AV, where its model does not say"),
+        _ACCOUNTING,
+        number("horizon_s", "H", "s", minimum=0),
+        number("v_ref_av", "reference speed of the AV", "m/s", minimum=0),
+        number("v_ref_hv", "reference speed of the followers", "m/s", minimum=0),
+        word("reference", "what the reference speed means"),
+        word("aggregation", "whether followers' losses are weighted"),
+        number("comfort_scale", "N_c", "m/s³", minimum=0),
+        number("T_max", "longest manoeuvre", "s", minimum=0),
+        word("leaders", "the leaders' motion"),
+        word("after", "the AV's drive after T"),
+        word("handover", "whether the step onto that drive counts"),
+        word("safety", "safety profile"),
+        *(column for column in GAIN if column.name not in ("share_better", "share_worse")),
+        number(
+            "gain_incremental",
+            "1 - ratio of the sums of the losses above those of no lane change; accounting equal alone",
+        ),
+    ),
+)
+
+ROBUST_TABLES: Final = (EVENT_GAINS, ROBUST_SUMMARY, SITUATION_RANKING, MULTIVERSE_LOSSES, MULTIVERSE)

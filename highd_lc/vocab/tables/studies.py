@@ -27,7 +27,7 @@ _ACCOUNTING = word("accounting", "over which time each side is charged", names.A
 _FOLLOWER_MODEL = word("followers", "follower model that planned and scored; the default one first")
 _OMEGA = number("omega_av", "weight of the AV in the joint objective", minimum=0, maximum=1)
 
-_GAIN = (
+GAIN = (
     count("n_events", "events, infeasible ones included"),
     count("n_recordings", "recordings with such an event"),
     count("infeasible", "events without a feasible plan of either policy; not in the totals"),
@@ -101,7 +101,7 @@ CROSS_SCORES = Table(
         _SCORED_WITH,
         word("optimised", "accounting under which the plans were optimised", names.ACCOUNTINGS),
         word("scored", "accounting under which they are scored", names.ACCOUNTINGS),
-        *_GAIN,
+        *GAIN,
         count("touching", "events in which a plan's ellipse overlaps another after T, within the scored time"),
     ),
 )
@@ -116,7 +116,7 @@ GAIN_MAP = Table(
         _ACCOUNTING,
         *TILE,
         number("share_events", "share of all events: the density of real lane changes", minimum=0, maximum=1),
-        *_GAIN,
+        *GAIN,
         *SEEN,
     ),
 )
@@ -131,7 +131,7 @@ LEAVE_ONE_OUT = Table(
         _ACCOUNTING,
         Column("location_id", "int64", "site whose recordings are left out"),
         count("n_left_out", "events of that site"),
-        *_GAIN,
+        *GAIN,
     ),
 )
 
@@ -176,7 +176,7 @@ HORIZON_SENSITIVITY = Table(
     "horizon_sensitivity",
     "accounted time H, form and accounting, over the events of the sample",
     ("horizon_s", "form", "accounting"),
-    (number("horizon_s", "H", "s", nullable=False, minimum=0), _FORM, _ACCOUNTING, *_GAIN),
+    (number("horizon_s", "H", "s", nullable=False, minimum=0), _FORM, _ACCOUNTING, *GAIN),
 )
 
 _FREE_FORM = word("form", "free end speed, at t_start or with a chosen start", (names.FREE, names.FREE_START))
