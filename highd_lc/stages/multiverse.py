@@ -199,6 +199,7 @@ _NUMBERS: Final = (
     "gain_high",
     "gain_hv",
     "gain_av",
+    "gain_incremental",
 )
 
 
