@@ -13,9 +13,11 @@ from highd_lc.planning import replay as module
 from highd_lc.planning.replay import Replay, free_motion, human_motion, plan_motion, replay
 from highd_lc.planning.scene import PackedScene, obstacle_roles, pack, scene_weights
 from highd_lc.vocab import names
-from highd_lc.vocab.settings import ValidateSettings
+from highd_lc.vocab.safety import SafetySettings
+from highd_lc.vocab.settings import LossSettings, PlannerSettings, ValidateSettings
 
-SETTINGS = ValidateSettings()
+# The drive after T of the twin: unbounded, its step onto the plan not charged.
+SETTINGS = ValidateSettings(safety=SafetySettings(profile="paper"), loss=LossSettings(handover="uncounted"))
 
 
 def played(seed: int, settings: ValidateSettings = SETTINGS, p: int = 3) -> tuple[PackedScene, Quintic, Replay]:
@@ -28,13 +30,13 @@ def played(seed: int, settings: ValidateSettings = SETTINGS, p: int = 3) -> tupl
 @pytest.mark.parametrize("section", [{}, {"after": "constant"}, {"leader_from": "crossing"}], ids=str)
 @pytest.mark.parametrize("seed", range(4))
 def test_motion_is_that_of_the_twin(seed, section):
-    packed, _, found = played(seed, ValidateSettings.model_validate({"planner": section}))
+    packed, _, found = played(seed, SETTINGS.model_copy(update={"planner": PlannerSettings(**section)}))
     n, delta, change = np.array([52]), np.array([3.0]), np.array([1.5])
     terms = task_of(random_scene(np.random.default_rng(seed))).terms
     x, vx, y, vy, _, _ = planner_twin._av(n, delta, change, packed, terms)
     for mine, theirs in ((found.av.x, x), (found.av.vx, vx), (found.av.y, y), (found.av.vy, vy)):
         np.testing.assert_allclose(mine, theirs[0], rtol=1e-12, atol=1e-12)
-    _, _, centres = planner_twin._followers(n, x + packed.length / 2, vx, packed, terms)
+    _, _, centres, _ = planner_twin._followers(n, x + packed.length / 2, vx, packed, terms)
     np.testing.assert_allclose(found.x, np.concatenate(centres), rtol=1e-11)
     assert found.av.crossing == 26
 
@@ -180,7 +182,7 @@ def test_without_a_target_leader_the_road_ahead_is_free():
 
 
 def test_the_step_onto_the_drive_after_the_plan_is_charged_where_it_is_counted():
-    counted = ValidateSettings.model_validate({"loss": {"handover": "counted"}})
+    counted = SETTINGS.model_copy(update={"loss": LossSettings(handover="counted")})
     _, _, without = played(1)
     _, _, found = played(1, counted)
     difference = found.av.jerk - without.av.jerk
