@@ -122,7 +122,7 @@ def plans_of(problem: PlanningProblem, name: str, given: Given) -> list[Plan]:
     for accounting in names.ACCOUNTINGS:
         plan = Plan(name, accounting, names.SOLVED, replay=played, motion=given.motion)
         met = planner.contact_of(problem, name, played, accounting)
-        margins = limits | planner.clearance_margins(problem, played, accounting)
+        margins = limits | planner.apart(problem, played, accounting)
         found.append(replace(plan, status=names.CONTACT if met else names.SOLVED, contact=met, margins=margins))
     return found
 

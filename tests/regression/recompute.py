@@ -419,7 +419,7 @@ def drives_through(event: Event, plan: pd.Series, crossing: int) -> bool:
     av = drive(event, plan)
     motion = behind(event, av)
     cars = [(car, m["x"]) for car, m in zip(event.followers, motion, strict=True)]
-    leader = event.others.get("target_leader")
+    leader = event.leader  # who leads at each sample, as leaders leave the lane
     own, ahead = (event.ego, av.x), (None if leader is None else (leader, leader.x))
     end = (round(av.T / DT) if plan["accounting"] == "paper" else LAST) + 1
     chain = [(before, after, 0, end) for before, after in pairwise(cars)]

@@ -103,7 +103,10 @@ def make_work(tmp_path, windows, *, leader=True):
         ("events", pd.DataFrame(events)),
         ("event_tracks", pd.concat(rows)),
         ("vehicles", pd.DataFrame(vehicles)),
-        ("recordings", pd.DataFrame([blank("recordings") | {"recording_id": r} for r in sorted(windows)])),
+        (
+            "recordings",
+            pd.DataFrame([blank("recordings") | {"recording_id": r, "format": "highd"} for r in sorted(windows)]),
+        ),
     ):
         ordered = frame.sort_values(list(TABLES[name].order), kind="stable")
         write(work, name, ordered, sorted(windows))

@@ -28,6 +28,7 @@ def settings(**followers):
         "studies": dict.fromkeys(samples, 0),
         "statistics": {"bootstrap": 100},
         "multiverse": {"sample": 0},
+        "robust": {"sample": 0},
         "trajectories": "none",
     }
     return Settings.model_validate(

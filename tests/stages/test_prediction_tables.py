@@ -28,7 +28,7 @@ def predicted(n: int = 12, recordings: int = 6, *, seed: int = 1, **columns: obj
         "rmse_speed_mps": 0.1, "change_simulated_mps": -1.0, "change_recorded_mps": -1.0 + 0.1 * np.arange(n),
         "peak_decel_simulated": 0.3, "peak_decel_recorded": 0.2 + 0.01 * np.arange(n), "comfort_simulated": 1.0,
         "comfort_recorded": 1.0, "loss_simulated": 4.0, "loss_recorded": 3.0, "contact": False,
-        "contact_recorded": False,
+        "contact_recorded": False, "nrmse_spacing": 0.1, "theil_u": 0.05, "paper_j": 0.4,
     }  # fmt: skip
     naive = pd.DataFrame(about | {"model": names.CONSTANT_SPEED, "error_speed_mps": size})
     mine = pd.DataFrame(about | {"model": MODEL, "error_speed_mps": 0.5 * size}).assign(**columns)

@@ -28,7 +28,7 @@ def rows():
             "event_id": [f"01-{k:04d}-00100" for k in range(COUNT)], "recording_id": 1, "follower": 1,
             "vehicle_id": np.arange(COUNT), "class": names.CAR, "location_id": 1, "time": r.time, "n": r.n,
             "before_length": r.before_length, "ahead_length": r.ahead_length, "a_0": 0.0, "drift": 0.0,
-            "time_gap": np.nan, **series,
+            "a_lasting": 0.0, "time_gap": np.nan, **series,
         }
     )  # fmt: skip
 

@@ -18,7 +18,15 @@ from highd_lc.vocab.settings import Settings
 # Within 4 s, a lateral shift of more than about 3.75 m asks for more than this lateral acceleration.
 _CONSTRAINTS = {"acceleration": 1.35}
 _NO_STUDIES = {
-    name: 0 for name in ("sample", "start_sample", "foresight_sample", "solver_sample", "multibody_sample")
+    name: 0
+    for name in (
+        "sample",
+        "start_sample",
+        "foresight_sample",
+        "solver_sample",
+        "multibody_sample",
+        "safety_sample",
+    )
 }
 SETTINGS = Settings.model_validate(
     {
@@ -29,6 +37,7 @@ SETTINGS = Settings.model_validate(
             "planner": {"T_max": 4.0},
             "studies": _NO_STUDIES,
             "multiverse": {"sample": 0},
+            "robust": {"sample": 0},
             "statistics": {"bootstrap": 200},
         },
     }
