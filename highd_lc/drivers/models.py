@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from highd_lc.core.lcm import MOTORWAY, moved_behind
 from highd_lc.drivers.population import NEED, Population
 from highd_lc.drivers.population import behaviours as population_behaviours
-from highd_lc.drivers.responses import Behaviours, Responses
+from highd_lc.drivers.responses import Behaviours, Family, Responses
 from highd_lc.vocab import names
 from highd_lc.vocab.driver import PARAMETERS, TABLE3_MEANS
 from highd_lc.vocab.errors import SettingsError
@@ -37,7 +37,7 @@ RELAXATION: Final = 10.0
 DECAY: Final = 3.0
 """Time constant of the naive models' fading acceleration [s]."""
 
-Drives = tuple[str, Behaviours]
+Drives = tuple[Family, Behaviours]
 
 
 @dataclass(frozen=True)
@@ -73,7 +73,8 @@ def drives(
         return names.NO_COMMAND, _naive(choice.base, responses)
     if choice.base == names.POPULATION:
         since = population.moment if choice.moment is None else choice.moment
-        return names.LCM, population_behaviours(population.constants, responses, since)
+        same = population.family
+        return same, population_behaviours(population.constants, responses, since, family=same)
     if choice.is_command:
         family, behaviours = _own_drives(choice, responses)
     elif choice.base == names.IDM:

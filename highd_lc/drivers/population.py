@@ -3,17 +3,19 @@
 Its constants are few; each driver is adapted to by what was seen of him before t_start: his acceleration, his
 speed and the time gap that he kept. The fit minimises the mean over responses of a power of the root mean
 square error of speed, drawn towards a stated prior, by a Levenberg-Marquardt descent on reweighted squares; the
-moment from which the lane changer counts as leader is chosen among ``MOMENTS``.
+moment from which the lane changer counts as leader is chosen among ``MOMENTS``, the family of the command (LCM or
+IDM) by the error of drivers that it was not fitted to.
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from highd_lc.drivers.responses import HARDEST, Behaviours, Responses, Simulated, simulate
+from highd_lc.core.lcm import MOTORWAY
+from highd_lc.drivers.responses import HARDEST, SERIES, Behaviours, Responses, Simulated, simulate
 from highd_lc.vocab import names
 from highd_lc.vocab.driver import PARAMETERS
 
@@ -68,8 +70,17 @@ OPTIONAL: Final = ("truck_A", "own_offset", "idle")
 
 NAMES: Final = tuple(c.name for c in CONSTANTS)
 _LOW, _HIGH = np.array([c.low for c in CONSTANTS]), np.array([c.high for c in CONSTANTS])
-_NEUTRAL = np.array([1.0 if name.startswith("truck") else 0.0 for name in NAMES])
-_CENTRE, _SD = np.array([c.centre for c in CONSTANTS]), np.array([c.sd for c in CONSTANTS])
+_NEUTRAL = np.array([1.0 if name.startswith("truck") or name == "B" else 0.0 for name in NAMES])
+_SD = np.array([c.sd for c in CONSTANTS])
+_OF_IDM = {"v_desire": MOTORWAY.v_desire, "A": MOTORWAY.A, "b": MOTORWAY.b, "tau": MOTORWAY.T, "L_0": MOTORWAY.s0}
+_CENTRES: Final = {
+    names.LCM: np.array([c.centre for c in CONSTANTS]),
+    names.IDM: np.array([_OF_IDM.get(c.name, c.centre) for c in CONSTANTS]),
+}
+"""The prior's centres by family: of the IDM the values of the book for motorways, tau its time gap, L_0 its gap at
+standstill."""
+_WITHOUT: Final = {names.LCM: (), names.IDM: ("B",)}
+"""Constants that a family does not have."""
 SPREAD: Final = _SD[[NAMES.index(name) for name in ("v_desire", "A", "b", "B", "tau", "L_0")]]
 """How much drivers are taken to differ a priori: standard deviations, in the LCM's order of parameters."""
 NEED: Final = 1.5
@@ -85,7 +96,9 @@ _SPREAD_PRIOR = 5.0  # drivers that the prior's spread counts as
 _SPREAD_ITERATIONS = 100
 _SPREAD_STEP = 0.05  # of a difference, in standard deviations
 _OPENING = 2.0  # by so much faster a lane changer opens the gap by itself [m/s]
-_LEAST_GAIN = 0.02  # share of the held-out error by which an optional constant has to lower it
+_LEAST_GAIN = 0.02  # share of the held-out error by which an optional constant, or the IDM, has to lower it
+_LEAST_VOTERS = 100  # responses from which on the family is chosen
+_LEAST_COMMAND = 1e-3  # what an IDM that does nothing does: A = 0 has no desired gap
 _MOST_OFFSET = 1.0  # no driver's own offset is read from more than this [m/s^2]
 _POWER = 1.5  # of an error: between the mean error, which asks for skill, and its square, which asks for no bias
 
@@ -93,7 +106,7 @@ _POWER = 1.5  # of an error: between the mean error, which asks for skill, and i
 @dataclass(frozen=True)
 class Population:
     """Fitted constants (order of ``NAMES``), moment of the change of leader, responses used, their source; and how
-    much drivers differ: a standard deviation of each parameter of the LCM, shape (6,).
+    much drivers differ: a standard deviation of each parameter of the LCM, shape (6,). family: of the command.
     """
 
     constants: FloatArray
@@ -101,31 +114,37 @@ class Population:
     n_responses: int
     source: str
     spread: FloatArray = field(default_factory=SPREAD.copy)
+    family: str = names.LCM
 
     def __getitem__(self, name: str) -> float:
         return float(self.constants[NAMES.index(name)])
 
 
-PRIOR: Final = Population(_CENTRE, 0.5, 0, "prior")
+PRIOR: Final = Population(_CENTRES[names.LCM], 0.5, 0, "prior")
 
 
-def behaviours(constants: FloatArray, responses: Responses, moment: float) -> Behaviours:
-    """Every driver of the responses under the population's constants."""
+def behaviours(
+    constants: FloatArray, responses: Responses, moment: float, *, family: str = names.LCM
+) -> Behaviours:
+    """Every driver of the responses under the population's constants, by a command of that family."""
     c = dict(zip(NAMES, constants, strict=True))
     v_0, ones = responses.v[0], np.ones(len(responses))
     gap = np.clip(np.nan_to_num(responses.time_gap - TIME_GAP), -1.0, 1.5)
     tau = np.maximum(c["tau"] + c["own_time_gap"] * gap, 0.1) * np.where(responses.truck, c["truck"], 1.0)
     lasting = (1.0 - c["lasting"]) * responses.a_0 + c["lasting"] * responses.a_lasting - responses.drift
-    # A weight of nothing happens in the command is a factor of A: the LCM's command is proportional to it.
+    # A weight of nothing happens in the command is a factor of A: commands are proportional to it, the IDM's where
+    # A b stays the same.
     opening = np.clip((responses.v_ahead[0] - v_0) / _OPENING, 0.0, 1.0) * (responses.rank == 1)
+    active = np.maximum(1.0 - c["idle"] * opening, _LEAST_COMMAND if family == names.IDM else 0.0)
+    behind, before = (0.0, 0.0) if family == names.IDM else (responses.ahead_length, responses.before_length)
     found = Behaviours(
         v_desire=(1.0 - c["own_speed"]) * c["v_desire"] + c["own_speed"] * (v_0 + c["above"]),
-        A=c["A"] * np.where(responses.truck, c["truck_A"], 1.0) * (1.0 - c["idle"] * opening),
-        b=c["b"] * ones,
+        A=c["A"] * np.where(responses.truck, c["truck_A"], 1.0) * active,
+        b=c["b"] / (active if family == names.IDM else ones),
         B=c["B"] * ones,
         tau=tau,
-        L=c["L_0"] + responses.ahead_length,
-        L_before=c["L_0"] + responses.before_length,
+        L=c["L_0"] * ones + behind,
+        L_before=c["L_0"] * ones + before,
         memory=c["memory"] * ones,
         relaxation=c["relaxation"] * ones,
         need=NEED * ones,
@@ -135,27 +154,29 @@ def behaviours(constants: FloatArray, responses: Responses, moment: float) -> Be
     )
     if not c["own_offset"]:
         return found
-    beyond = np.clip(lasting - _commands_at_start(found, responses), -_MOST_OFFSET, _MOST_OFFSET)
+    beyond = np.clip(lasting - _commands_at_start(family, found, responses), -_MOST_OFFSET, _MOST_OFFSET)
     return found._replace(drift=responses.drift + c["own_offset"] * beyond)
 
 
-def _commands_at_start(b: Behaviours, responses: Responses) -> FloatArray:
+def _commands_at_start(family: str, b: Behaviours, responses: Responses) -> FloatArray:
     """What every driver's model commands at t_start behind the leader before the change [m/s^2], shape (R,)."""
-    v, v_leader = responses.v[0], responses.before_v[0]
-    wanted = v**2 / (2.0 * b.b) - v_leader**2 / (2.0 * b.B) + v * b.tau + b.L_before
-    spacing = (responses.before_x[0] - responses.x[0]) / np.maximum(wanted, b.L_before)
-    return np.asarray(b.A * (1.0 - v / b.v_desire - np.exp(np.clip(1.0 - spacing, -700.0, 40.0))))
+    series = {f.name: getattr(responses, f.name)[:1] for f in fields(responses) if f.name in SERIES}
+    nothing, never = np.zeros(len(responses)), np.full(len(responses), np.inf)
+    bare = b._replace(memory=nothing, drift=nothing, need=never, moment=never)
+    return np.asarray(simulate(family, bare, replace(responses, **series), hardest=np.inf).a[0])
 
 
 def respond(population: Population, responses: Responses) -> Simulated:
     """The followers as the population has them, braking by ``HARDEST`` at most."""
-    return simulate(names.LCM, behaviours(population.constants, responses, population.moment), responses)
+    drivers = behaviours(population.constants, responses, population.moment, family=population.family)
+    return simulate(population.family, drivers, responses)
 
 
 @dataclass(frozen=True)
 class _Descent:
-    """The objective of a fit at one moment, and its reweighted squares."""
+    """The objective of a fit of one family at one moment, and its reweighted squares."""
 
+    family: str
     responses: Responses
     moment: float
     pinned: NDArray[np.bool_]
@@ -164,9 +185,18 @@ class _Descent:
     def residuals(self, constants: FloatArray) -> FloatArray:
         """Errors of speed over the square root of their number, 0 where nothing was recorded, shape (K, R)."""
         r = self.responses
-        found = simulate(names.LCM, behaviours(constants, r, self.moment), r, hardest=self.hardest)
+        found = simulate(self.family, self.drivers(constants), r, hardest=self.hardest)
         error: FloatArray = np.where(r.seen, found.v - r.v, 0.0) / np.sqrt(r.n)
         return error
+
+    def drivers(self, constants: FloatArray) -> Behaviours:
+        """The drivers under these constants."""
+        return behaviours(constants, self.responses, self.moment, family=self.family)
+
+    @property
+    def centre(self) -> FloatArray:
+        """Of the prior."""
+        return _CENTRES[self.family]
 
     @property
     def weights(self) -> FloatArray:
@@ -177,7 +207,7 @@ class _Descent:
     def objective(self, constants: FloatArray, residuals: FloatArray) -> float:
         """Mean power of a response's error and the prior's share."""
         errors = np.sqrt((residuals**2).sum(axis=0) + _LEAST_ERROR**2)
-        return float(self.weights @ errors**_POWER + 0.5 * self._prior @ ((constants - _CENTRE) / _SD) ** 2)
+        return float(self.weights @ errors**_POWER + 0.5 * self._prior @ ((constants - self.centre) / _SD) ** 2)
 
     @property
     def _prior(self) -> FloatArray:
@@ -190,7 +220,7 @@ class _Descent:
         free = np.flatnonzero(~self.pinned)
         slopes = np.stack([(self._slope(constants, residuals, int(j)) * root).ravel() for j in free])
         pull = self._prior[free] / _SD[free] ** 2
-        gradient = slopes @ (residuals * root).ravel() + pull * (constants - _CENTRE)[free]
+        gradient = slopes @ (residuals * root).ravel() + pull * (constants - self.centre)[free]
         return slopes @ slopes.T + np.diag(pull), gradient
 
     def _slope(self, constants: FloatArray, residuals: FloatArray, j: int) -> FloatArray:
@@ -210,18 +240,30 @@ def fit(
     """
     if not len(responses):
         return PRIOR
-    pinned = np.array([name in (*without, *OPTIONAL) for name in NAMES])
-    fits = [
-        (moment, *_descend(_Descent(responses, moment, pinned, hardest), start))
-        for moment in MOMENTS
-        for start in _starts(pinned)
-    ]
-    moment, constants, _ = min(fits, key=lambda found: found[2])
-    problem = _Descent(responses, moment, pinned, hardest)
-    freed = pinned & ~_chosen_options(problem, constants, [name for name in OPTIONAL if name not in without])
-    if (freed != pinned).any():
+    options = [name for name in OPTIONAL if name not in without]
+    problem, constants = _best_moment(names.LCM, responses, (*without, *OPTIONAL), hardest)
+    bare = _held_out(problem, constants)
+    if len(responses) >= _LEAST_VOTERS:
+        other = _best_moment(names.IDM, responses, (*without, *OPTIONAL), hardest)
+        reached = _held_out(*other)
+        if reached < (1.0 - _LEAST_GAIN) * bare:
+            (problem, constants), bare = other, reached
+    freed = problem.pinned & ~_chosen_options(problem, constants, options, bare)
+    if (freed != problem.pinned).any():
         constants, _ = _descend(replace(problem, pinned=freed), constants)
-    return Population(constants, moment, len(responses), source, _spread(problem, constants))
+    spread = _spread(problem, constants)
+    return Population(constants, problem.moment, len(responses), source, spread, problem.family)
+
+
+def _best_moment(
+    family: str, responses: Responses, without: tuple[str, ...], hardest: float
+) -> tuple[_Descent, FloatArray]:
+    """The fit of a family at the moment that suits the responses best, and its constants."""
+    pinned = np.array([name in (*without, *_WITHOUT[family]) for name in NAMES])
+    problems = [_Descent(family, responses, moment, pinned, hardest) for moment in MOMENTS]
+    fits = [(one, *_descend(one, start)) for one in problems for start in _starts(one)]
+    problem, constants, _ = min(fits, key=lambda found: found[2])
+    return problem, constants
 
 
 def _spread(problem: _Descent, constants: FloatArray) -> FloatArray:
@@ -232,14 +274,14 @@ def _spread(problem: _Descent, constants: FloatArray) -> FloatArray:
     large D is altogether follows from the errors' mean square (``_share_left``).
     """
     r, apart = problem.responses, slice(_APART, None, _APART)
-    b = behaviours(constants, r, problem.moment)
-    bare = simulate(names.LCM, b, r, hardest=problem.hardest).v[apart]
+    b = problem.drivers(constants)
+    bare = simulate(problem.family, b, r, hardest=problem.hardest).v[apart]
     error = np.where(r.seen[apart], r.v[apart] - bare, 0.0)
     slopes = np.empty((len(PARAMETERS), *error.shape))
     for j, name in enumerate(PARAMETERS):
         step = _SPREAD_STEP * SPREAD[j]
         moved = b._replace(**{name: getattr(b, name) + step})
-        found = simulate(names.LCM, moved, r, hardest=problem.hardest).v[apart]
+        found = simulate(problem.family, moved, r, hardest=problem.hardest).v[apart]
         slopes[j] = np.where(r.seen[apart], (found - bare) / _SPREAD_STEP, 0.0)
     H, g = np.einsum("ikr,jkr->rij", slopes, slopes), np.einsum("ikr,kr->ri", slopes, error)
     samples = max(int(r.seen[apart].sum()), 1)
@@ -253,7 +295,8 @@ def _spread(problem: _Descent, constants: FloatArray) -> FloatArray:
         D = (_SPREAD_PRIOR + seen) / (_SPREAD_PRIOR + len(r))
     explained = float(np.einsum("rii,i->", H, D)) / samples
     share = _share_left(float((error**2).sum()) / samples, noise, explained, samples)
-    return np.asarray(SPREAD * np.sqrt(D * share ** (len(r) / (len(r) + _SPREAD_PRIOR))))
+    has = ~np.isin(PARAMETERS, _WITHOUT[problem.family])
+    return np.asarray(has * SPREAD * np.sqrt(D * share ** (len(r) / (len(r) + _SPREAD_PRIOR))))
 
 
 def _share_left(left: float, noise: float, explained: float, samples: int) -> float:
@@ -268,12 +311,15 @@ def _share_left(left: float, noise: float, explained: float, samples: int) -> fl
     return float(max(left - noise, noise * np.sqrt(2.0 / samples)) / explained)
 
 
-def _chosen_options(problem: _Descent, constants: FloatArray, options: list[str]) -> NDArray[np.bool_]:
+def _chosen_options(
+    problem: _Descent, constants: FloatArray, options: list[str], bare: float
+) -> NDArray[np.bool_]:
     """Which optional constants lower the error of the half of the responses that they are not fitted to.
 
-    Halves are recordings, or events where there is one recording alone. constants: where every fit starts.
+    Halves are recordings, or events where there is one recording alone. constants: where every fit starts. bare:
+    the error without them.
     """
-    chosen, bare = np.zeros(len(NAMES), bool), _held_out(problem, constants)
+    chosen = np.zeros(len(NAMES), bool)
     for name in options:
         wanted = np.array(NAMES) == name
         error = _held_out(replace(problem, pinned=problem.pinned & ~wanted), constants)
@@ -296,13 +342,16 @@ def _held_out(problem: _Descent, constants: FloatArray) -> float:
     return total
 
 
-def _starts(pinned: NDArray[np.bool_]) -> Iterator[FloatArray]:
+def _start(problem: _Descent) -> FloatArray:
+    return np.where(problem.pinned, _NEUTRAL, problem.centre)
+
+
+def _starts(problem: _Descent) -> Iterator[FloatArray]:
     """The prior's centre; and with relaxation, whose derivative vanishes at the prior's 0."""
-    start = np.where(pinned, _NEUTRAL, _CENTRE)
-    yield start
+    yield _start(problem)
     place = NAMES.index("relaxation")
-    if not pinned[place]:
-        yield np.where(np.arange(len(NAMES)) == place, _RELAXED, start)
+    if not problem.pinned[place]:
+        yield np.where(np.arange(len(NAMES)) == place, _RELAXED, _start(problem))
 
 
 def _descend(problem: _Descent, start: FloatArray) -> tuple[FloatArray, float]:

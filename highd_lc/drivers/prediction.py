@@ -301,12 +301,11 @@ class CrossFit:
             return models.drives(name, responses, fits, population.PRIOR, moment=self.moment)
         if self.given is not None:
             return models.drives(name, responses, fits, self.given)
-        found: list[tuple[BoolArray, Behaviours]] = []
+        family, found = np.full(len(responses), names.LCM, dtype=object), []
         for fold, fitted in self.populations(parse(name).removed):
-            found.append(
-                (fold.held, models.drives(name, responses.take(fold.held), fits.take(fold.held), fitted)[1])
-            )
-        return names.LCM, _joined(found, len(responses))
+            family[fold.held], part = models.drives(name, responses.take(fold.held), fits.take(fold.held), fitted)
+            found.append((fold.held, part))
+        return family, _joined(found, len(responses))
 
     def everybody(self) -> Population:
         """The population of all responses, to be exported and used on other data."""

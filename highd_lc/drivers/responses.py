@@ -39,6 +39,10 @@ HARDEST: Final = 9.0
 """Braking on a dry road, which no follower exceeds if nothing else is said [m/s^2]."""
 NO_LEADER: Final = 1e9
 """Front of a leader that does not exist [m]."""
+SERIES: Final = ("x", "v", "before_x", "before_v", "x_ahead", "v_ahead", "progress")
+"""What ``Responses`` hold a value a sample of, and so the columns of the table."""
+Family = str | NDArray[np.object_]
+"""Of all responses, or of each of them, shape (R,)."""
 
 
 class Behaviours(NamedTuple):
@@ -61,6 +65,10 @@ class Behaviours(NamedTuple):
     a_0: FloatArray
     drift: FloatArray
     moment: FloatArray
+
+    def take(self, places: IntArray | BoolArray) -> "Behaviours":
+        """Those of some of the followers."""
+        return Behaviours(*(values[places] for values in self))
 
 
 @dataclass(frozen=True)
@@ -116,12 +124,16 @@ class Responses:
         return np.asarray((self.progress < moment - 1e-9).sum(axis=0))
 
 
-def simulate(family: str, behaviours: Behaviours, responses: Responses, *, hardest: float = HARDEST) -> Simulated:
+def simulate(
+    family: Family, behaviours: Behaviours, responses: Responses, *, hardest: float = HARDEST
+) -> Simulated:
     """Drive the followers behind what was recorded ahead of them, from their recorded states at t_start.
 
     family: of ``names.FAMILIES``, or the name of a command of one's own; hardest: bound of their braking
     [m/s^2, positive].
     """
+    if not isinstance(family, str):
+        return _of_each_family(family, behaviours, responses, hardest)
     r, joins = responses, responses.joins(behaviours.moment)
     joined = np.arange(len(r.x))[:, None] >= joins
     leader_x, leader_v = np.where(joined, r.x_ahead, r.before_x), np.where(joined, r.v_ahead, r.before_v)
@@ -129,6 +141,18 @@ def simulate(family: str, behaviours: Behaviours, responses: Responses, *, harde
     out = Simulated(*(np.empty_like(r.x) for _ in range(3)))
     ahead = _Ahead(leader_x, leader_v, leader_length, r.before_x, r.before_v)
     _simulate(family_code(family), behaviours, joins, ahead, r.x[0], r.v[0], hardest, out)
+    return out
+
+
+def _of_each_family(
+    family: NDArray[np.object_], behaviours: Behaviours, responses: Responses, hardest: float
+) -> Simulated:
+    out = Simulated(*(np.empty_like(responses.x) for _ in range(3)))
+    for one in np.unique(family):
+        own = np.flatnonzero(family == one)
+        found = simulate(str(one), behaviours.take(own), responses.take(own), hardest=hardest)
+        for whole, values in zip(out, found, strict=True):
+            whole[:, own] = values
     return out
 
 

@@ -20,7 +20,7 @@ from highd_lc.drivers.prediction import (
     judge,
     loss_change,
 )
-from highd_lc.drivers.responses import TIME_STEP, Behaviours, Responses, Simulated, simulate
+from highd_lc.drivers.responses import TIME_STEP, Behaviours, Family, Responses, Simulated, simulate
 from highd_lc.io import artefacts
 from highd_lc.planning.scene import MOMENT_OF
 from highd_lc.stages.prediction_tables import (
@@ -53,7 +53,7 @@ class Judgement:
     responses: Responses
     simulated: dict[str, Simulated]
     ahead: dict[str, FloatArray]
-    behaviours: dict[str, tuple[str, Behaviours]]
+    behaviours: dict[str, models.Drives]
     folds: NDArray[np.object_]
     spreads: dict[str, FloatArray]
 
@@ -130,7 +130,7 @@ def judge_all(
     hardest: float,
 ) -> Judgement:  # fmt: skip
     """Simulate every follower under every chosen model, each behind the simulated follower ahead of it."""
-    behaviours: dict[str, tuple[str, Behaviours]] = {}
+    behaviours: dict[str, models.Drives] = {}
     simulated, ahead = {}, {}
     for name in chosen:
         behaviours[name] = crossfit.drives(name, responses, fits)
@@ -140,7 +140,7 @@ def judge_all(
 
 
 def _chain(
-    family: str, behaviours: Behaviours, responses: Responses, hardest: float
+    family: Family, behaviours: Behaviours, responses: Responses, hardest: float
 ) -> tuple[Simulated, FloatArray]:
     """Rank by rank: who has a simulated follower ahead follows that one. The second: fronts of who is ahead."""
     out = Simulated(*(np.empty_like(responses.x) for _ in range(3)))
@@ -150,7 +150,9 @@ def _chain(
         part = responses.take(own)
         if rank > 1:
             part = _behind(part, ahead_x[:, own], ahead_v[:, own])
-        found = simulate(family, Behaviours(*(values[own] for values in behaviours)), part, hardest=hardest)
+        found = simulate(
+            family if isinstance(family, str) else family[own], behaviours.take(own), part, hardest=hardest
+        )
         for whole, values in zip(out, found, strict=True):
             whole[:, own] = values
         follower = {int(event): place for event, place in zip(responses.event[own], own, strict=True)}
@@ -171,16 +173,16 @@ def follower_models(judgement: Judgement) -> pd.DataFrame:
     parts = []
     for name, (family, b) in judgement.behaviours.items():
         frame = judgement.rows[["event_id", "recording_id", "follower", "vehicle_id"]].copy()
-        lcm, own = family == names.LCM, family in (names.LCM, names.IDM)
+        families = np.full(len(frame), family, dtype=object) if isinstance(family, str) else family
+        lcm, none = families == names.LCM, families == names.NO_COMMAND
+        own, others = lcm | (families == names.IDM), ~np.isin(families, names.FAMILIES)
         values: dict[str, Any] = {
-            "model": name, "family": family if family in names.FAMILIES else names.FUNCTION,
+            "model": name, "family": np.where(others, names.FUNCTION, families),
             "fold": judgement.folds if parse(name).base == names.POPULATION else "",
             "parameters": _own_parameters(family, b), "spread": _spread_words(judgement.spreads[name]),
-            "v_desire": b.v_desire if own else np.nan, "A": b.A if own else np.nan, "b": b.b if own else np.nan,
-            "B": b.B if lcm else np.nan, "tau": b.tau if own else np.nan, "L": b.L if own else np.nan,
-            "L_before": b.L_before if own else np.nan, "memory_s": b.memory, "relaxation_s": b.relaxation,
-            "moment": b.moment if family != names.NO_COMMAND else np.nan, "need": b.need,
-            "a_0": b.a_0, "drift": b.drift,
+            **{p: np.where(own, getattr(b, p), np.nan) for p in ("v_desire", "A", "b", "tau", "L", "L_before")},
+            "B": np.where(lcm, b.B, np.nan), "memory_s": b.memory, "relaxation_s": b.relaxation,
+            "moment": np.where(none, np.nan, b.moment), "need": b.need, "a_0": b.a_0, "drift": b.drift,
         }  # fmt: skip
         parts.append(frame.assign(**values))
     return _table("follower_models", parts)
@@ -191,9 +193,9 @@ def _spread_words(spreads: FloatArray) -> list[dict[str, float]]:
     return [{p: s for p, s in zip(PARAMETERS, row, strict=True) if s > 0.0} for row in spreads.tolist()]
 
 
-def _own_parameters(family: str, behaviours: Behaviours) -> list[dict[str, float]]:
+def _own_parameters(family: Family, behaviours: Behaviours) -> list[dict[str, float]]:
     """The parameters of a function of somebody's own, of each follower by name; nothing for the other models."""
-    function = None if family in names.FAMILIES else own_function(family)
+    function = own_function(family) if isinstance(family, str) and family not in names.FAMILIES else None
     words = tuple(command_parameters(function)) if function is not None else ()
     rows = np.stack([getattr(behaviours, slot) for slot in PARAMETERS], axis=1)
     return [dict(zip(words, map(float, row), strict=False)) for row in rows]

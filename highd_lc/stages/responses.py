@@ -17,7 +17,7 @@ from highd_lc.core.losses import LossTerms
 from highd_lc.drivers.identifiability import EVERYBODY, pool_idm
 from highd_lc.drivers.population import CONSTANTS, NAMES, OPTIONAL, SPREAD, Population
 from highd_lc.drivers.prediction import Scales, motion_loss
-from highd_lc.drivers.responses import HORIZON, NO_LEADER, SAMPLES, Responses
+from highd_lc.drivers.responses import HORIZON, NO_LEADER, SAMPLES, SERIES, Responses
 from highd_lc.io import artefacts, atomic
 from highd_lc.planning.scene import Motion, Scene, pack
 from highd_lc.stages.scenes import SceneTables, of_own_fits, scene_makers, track_of
@@ -30,8 +30,6 @@ from highd_lc.vocab.settings import ValidateSettings
 FloatArray = NDArray[np.float64]
 Row = dict[str, Any]
 
-SERIES: Final = ("x", "v", "before_x", "before_v", "x_ahead", "v_ahead", "progress")
-"""Columns of ``responses`` that hold a value a sample."""
 CHANGES_LANE: Final = 1.9
 """A follower that has moved this far sideways changes lane himself and is judged until then [m]."""
 FOLLOWED: Final = (70.0, 3.0)
@@ -245,9 +243,10 @@ def _tracks(work: Path) -> list[dict[str, Any]]:
 def save_population(path: Path, population: Population) -> None:
     """Write a population: its constants with unit and meaning, moment, number of responses, and source."""
     lines = [
-        "# A population of followers: constants of the LCM with memory and relaxation (equations.md 3).",
+        "# A population of followers: constants of its command, with memory and relaxation (equations.md 3).",
         f'source = "{population.source}"  # what its responses come from',
         f"n_responses = {population.n_responses}",
+        f'family = "{population.family}"  # of the command; idm: tau time gap, L_0 gap at standstill',
         f"moment = {population.moment!r}  # share of the lateral way from which the lane changer is the leader",
         "[constants]",
     ]
@@ -281,7 +280,10 @@ def load_population(path: Path) -> Population:
         [_spread_of(path, found, name, prior) for name, prior in zip(PARAMETERS, SPREAD, strict=True)]
     )
     count, source = int(found.get("n_responses", 0)), str(found.get("source", path.name))
-    return Population(values, float(moment), count, source, spread)
+    family = found.get("family", names.LCM)
+    if family not in (names.LCM, names.IDM):
+        raise SettingsError(f"{path}: key family = {family!r}: {names.LCM} or {names.IDM} is needed")
+    return Population(values, float(moment), count, source, spread, family)
 
 
 def _spread_of(path: Path, found: dict[str, Any], name: str, prior: float) -> float:

@@ -127,7 +127,7 @@ def truth_table(
 
 
 def _compared(cases: _Cases, fitted: pd.DataFrame, real: Simulated, model: str, hardest: float) -> pd.DataFrame:
-    family = str(fitted["family"].iloc[0])
+    family = fitted["family"].to_numpy(object)
     found = simulate(family, _fitted_behaviours(fitted), cases.responses, hardest=hardest)
     r = cases.responses
     table = cases.rows[["event_id", "recording_id", "follower", "vehicle_id", "class"]].assign(

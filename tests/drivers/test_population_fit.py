@@ -154,5 +154,52 @@ def test_drivers_drawn_with_the_spread_differ_as_much_as_the_recorded_ones() -> 
     assert 1.0 - noise - sampling < apart[1] / apart[0] < 1.0 + sampling
 
 
+OF_IDM = {**OF_TRUE, "v_desire": 32.0, "own_speed": 0.0, "A": 1.4, "b": 2.0, "B": 1.0, "tau": 1.3, "L_0": 2.5}
+IDM = Population(np.array([OF_IDM[name] for name in NAMES]), 0.3, 0, "made", family=names.IDM)
+
+
+@pytest.mark.parametrize("truth", [TRUE, IDM])
+def test_the_family_is_that_of_the_drivers(truth: Population) -> None:
+    fitted = population.fit(driven(made(160, seed=7), truth, noise=0.05), source="all")
+    assert fitted.family == truth.family
+    fresh = made(60, seed=11)
+    true, found = population.respond(truth, fresh), population.respond(fitted, fresh)
+    assert np.abs(found.v[50] - true.v[50]).mean() < 0.1 * np.abs(true.v[50] - true.v[0]).mean()
+
+
+def test_few_responses_choose_no_family() -> None:
+    few = driven(made(60, seed=7), IDM, noise=0.05)
+    assert population.fit(few, source="few").family == names.LCM
+
+
+def test_an_idle_idm_does_a_share_of_what_it_would() -> None:
+    responses = made(30, seed=2)
+    half = np.where(np.array(NAMES) == "idle", 0.5, IDM.constants)
+    whole, part = (population.behaviours(c, responses, 0.0, family=names.IDM) for c in (IDM.constants, half))
+    bare = {"memory": np.zeros(30), "a_0": np.zeros(30), "drift": np.zeros(30), "need": np.full(30, np.inf)}
+    a, b = (
+        simulate(names.IDM, one._replace(relaxation=np.zeros(30), **bare), responses, hardest=np.inf).a[0]
+        for one in (whole, part)
+    )
+    opening = np.clip((responses.v_ahead[0] - responses.v[0]) / 2.0, 0.0, 1.0) * (responses.rank == 1)
+    assert opening.max() > 0.0
+    np.testing.assert_allclose(b, a * (1.0 - 0.5 * opening), rtol=1e-9)
+
+
+def test_followers_of_two_families_drive_as_those_of_each() -> None:
+    responses = made(20, seed=5)
+    family = np.where(np.arange(20) % 3 == 0, names.IDM, names.LCM).astype(object)
+    each = {
+        one.family: population.behaviours(one.constants, responses, 0.3, family=one.family) for one in (TRUE, IDM)
+    }
+    mixed = type(each[names.LCM])(
+        *(np.where(family == names.IDM, i, own) for i, own in zip(each[names.IDM], each[names.LCM], strict=True))
+    )
+    found = simulate(family, mixed, responses)
+    for name, drivers in each.items():
+        own = family == name
+        np.testing.assert_array_equal(found.v[:, own], simulate(name, drivers, responses).v[:, own])
+
+
 def _spreads(fitted: Population) -> list[tuple[str, float]]:
     return list(zip(PARAMETERS, fitted.spread.tolist(), strict=True))
