@@ -5,6 +5,7 @@ A model and the recorded drivers are compared over the same events; who is left 
 
 from collections.abc import Hashable, Iterator
 from itertools import product
+from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
@@ -19,6 +20,8 @@ from highd_lc.drivers.prediction import (
     SPACINGS,
     class_labels,
 )
+from highd_lc.io import artefacts
+from highd_lc.reporting.follower_words import LOSS_COLUMNS, effects_of, followers_say
 from highd_lc.scoring.population import LEAST_CLUSTERS, cluster_interval, mean_interval_of
 from highd_lc.vocab import names
 from highd_lc.vocab.tables import TABLES
@@ -26,6 +29,7 @@ from highd_lc.vocab.tables.prediction import (
     AIMS,
     FEW_EVENTS,
     FEW_RECORDINGS,
+    JUDGED,
     OBSERVED,
     OVER_EVENTS,
     OVER_RECORDINGS,
@@ -298,3 +302,22 @@ def _aim(
     met = not (value < low or value > high) if known else None
     row: Row = {"aim": name, "horizon_s": horizon, "value": value, "low": low, "high": high, "n": n}
     return row | {"met": met, "reason": "" if known else reason, "interval": "", "observed": np.nan}
+
+
+def is_judged(work: Path) -> bool:
+    """Whether a work folder holds the tables that say how well its followers are predicted."""
+    return all(artefacts.path_of(work, name).is_file() for name in JUDGED)
+
+
+def followers_believed(work: Path, model: str) -> tuple[str, ...]:
+    """How far the simulated followers of a run can be believed, in words (see ``reporting.follower_words``).
+
+    model: the default follower model.
+    """
+    columns = ["event_id", "policy", "accounting", "followers", *LOSS_COLUMNS]
+    losses = artefacts.read(work, "losses", columns=columns)
+    losses, known = losses[losses["followers"] == model], is_judged(work)
+    summary, aims = (
+        artefacts.read(work, name) if known else None for name in ("prediction_summary", "prediction_aims")
+    )
+    return followers_say(summary, effects_of(losses), aims)
