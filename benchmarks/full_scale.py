@@ -39,6 +39,8 @@ _FIXED_FORM = {
     "foresight_sample": "0",
     "solver_sample": "0",
     "multibody_sample": "0",
+    "safety_sample": "0",
+    "also_sample": "0",
 }
 _SAMPLE_SECONDS = 0.1
 _LOOKS_AT_MEMORY = 10
@@ -167,13 +169,13 @@ def _watched(command: list[str]) -> Usage:
 
 def _processes(session: int) -> list[Path]:
     found = []
-    for stat in Path("/proc").glob("[0-9]*/stat"):
+    for name in filter(str.isdigit, os.listdir("/proc")):
         try:
-            of = int(stat.read_text().rpartition(")")[2].split()[3])
+            of = int(Path("/proc", name, "stat").read_text().rpartition(")")[2].split()[3])
         except OSError:
             continue
         if of == session:
-            found.append(stat.parent)
+            found.append(Path("/proc", name))
     return found
 
 

@@ -27,12 +27,13 @@ from tracking_cases import (
     weight_sweep,
 )
 
+from highd_lc.core.losses import LossTerms
 from highd_lc.tracking.multibody import SERVO, SUBSTEPS, MultiBodyPlant, track_multibody
 from highd_lc.tracking.plan_tracking import SampledMotion, loss_av, planned_motion, tracked_motion
 from highd_lc.vocab.tracking import KINEMATIC, MULTI_BODY, PLANTS, Reference, TrackingSettings
 
 SEED = 1
-LOSS = {"v_ref": 33.54, "comfort_scale": 8.0, "efficiency_scale": 33.54}
+LOSS = LossTerms(33.54, np.empty(0), False, comfort=0.5 / 8.0, efficiency=0.5 / 33.54, weights=np.empty(0))
 FIGURES = (
     "lateral RMSE [m]",
     "lateral max [m]",
@@ -152,10 +153,10 @@ def losses(references: Sequence[Reference], settings: TrackingSettings) -> str:
     """The AV's loss over 0..T, planned against tracked on both plants."""
     rows = []
     for number, reference in enumerate(references):
-        planned = loss_av(planned_motion(reference), **LOSS)
+        planned = loss_av(planned_motion(reference), LOSS)
         row = [f"{reference.speed[0]:.0f} m/s, {reference.n_steps * reference.dt:.1f} s", f"{planned.loss:.3f}"]
         for plant in PLANTS:
-            tracked = loss_av(tracked_motion(plant_run(plant, settings=settings)(reference, number)), **LOSS)
+            tracked = loss_av(tracked_motion(plant_run(plant, settings=settings)(reference, number)), LOSS)
             row += [f"{tracked.loss:.3f}", f"{tracked.comfort:.2f} / {planned.comfort:.2f}"]
         rows.append(row)
     header = ("plan", "planned", "bicycle", "comfort / planned", "multi-body", "comfort / planned")
@@ -181,7 +182,7 @@ def weaving(speed: float = 25.0) -> str:
         velocity.append(car.velocity())
         car.advance(np.array([speed, 0.0]), 0.1)
     motion = SampledMotion(0.1, np.array(velocity))
-    comfort = loss_av(motion, **LOSS).comfort
+    comfort = loss_av(motion, LOSS).comfort
     return IN_PIPELINE.format(speed=speed, acceleration=np.abs(motion.acceleration[:, 1]).max(), comfort=comfort)
 
 

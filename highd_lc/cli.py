@@ -143,11 +143,11 @@ def _print_results(stage: str, options: Options, model: str) -> None:
         prediction_table,
         price_words,
     )
-    from highd_lc.stages.overview_pages import followers_believed, missing_pages
+    from highd_lc.stages.prediction_tables import followers_believed, is_judged
 
     if stage == "calibrate":
         console.print(lcm_table(artefacts.read(options.work, "summary_lcm")))
-        if not missing_pages(options.work):
+        if is_judged(options.work):
             summary = artefacts.read(options.work, "prediction_summary")
             console.print(prediction_table(summary))
             lines = prediction_lines(summary, artefacts.read(options.work, "dose_response"))

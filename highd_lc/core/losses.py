@@ -5,7 +5,7 @@ every accounting: the value at index k is the loss charged over 0 .. t_k.
 """
 
 from dataclasses import dataclass
-from typing import Generic, NamedTuple, TypeVar
+from typing import Any, Generic, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,13 +26,21 @@ class Charge(Generic[Value]):
         """0.5 comfort + 0.5 efficiency (equation 7)."""
         return 0.5 * self.comfort + 0.5 * self.efficiency
 
+    def upto(self: "Charge[FloatArray]", last: int) -> "Charge[Any]":
+        """Of a charge over 0 .. t_k the one over the samples 0 .. last: a number for each vehicle."""
+        return Charge(self.comfort[..., last], self.efficiency[..., last])
 
-def speed_difference(v: FloatArray, v_ref: float, *, one_sided: bool = False) -> FloatArray:
+    def weighted(self: "Charge[FloatArray]", weights: FloatArray) -> "Charge[float]":
+        """The followers' charge from that of each, shape (p,). weights: of the followers (equation 17), (p,)."""
+        return Charge(float(weights @ self.comfort), float(weights @ self.efficiency))
+
+
+def speed_difference(v: FloatArray, v_ref: float | FloatArray, *, one_sided: bool = False) -> FloatArray:
     """Distance of each speed from the reference speed (equations.md 4.2).
 
     Args:
         v: speeds [m/s], any shape.
-        v_ref: reference speed [m/s].
+        v_ref: reference speed [m/s], a number or of a shape that v's takes.
         one_sided: only speeds below v_ref count.
 
     Returns:
@@ -41,12 +49,14 @@ def speed_difference(v: FloatArray, v_ref: float, *, one_sided: bool = False) ->
     return np.maximum(v_ref - v, 0.0) if one_sided else np.abs(v - v_ref)
 
 
-def cumulative_efficiency(v: FloatArray, v_ref: float, *, scale: float, one_sided: bool = False) -> FloatArray:
+def cumulative_efficiency(
+    v: FloatArray, v_ref: float | FloatArray, *, scale: float, one_sided: bool = False
+) -> FloatArray:
     """Normalised efficiency charged over 0 .. t_k (equations 6 and 13).
 
     Args:
         v: speeds [m/s], shape (..., N + 1).
-        v_ref: reference speed [m/s].
+        v_ref: reference speed [m/s], a number or of a shape that v's takes.
         scale: N_e [m/s].
         one_sided: only speeds below v_ref count.
 
@@ -81,7 +91,9 @@ def command_jerk(a: FloatArray, dt: float) -> FloatArray:
     Returns:
         |a_k - a_(k-1)| / dt [m/s^3] along the last axis, 0 at the first sample, the shape of a.
     """
-    return np.abs(np.diff(a, axis=-1, prepend=a[..., :1])) / dt
+    jerk = np.zeros(a.shape)
+    jerk[..., 1:] = np.abs(a[..., 1:] - a[..., :-1]) / dt
+    return jerk
 
 
 def follower_weights(v: FloatArray, spacing: FloatArray, v_av: float) -> FloatArray:
@@ -102,7 +114,7 @@ def follower_weights(v: FloatArray, spacing: FloatArray, v_av: float) -> FloatAr
     return sigma / total if total > 0.0 else np.full(len(v), 1.0 / max(len(v), 1))
 
 
-def joint_objective(loss_av: FloatArray, loss_hv: FloatArray, omega_av: float) -> FloatArray:
+def joint_objective(loss_av: Value, loss_hv: Value, omega_av: float) -> Value:
     """What a policy minimises: omega_AV Loss_AV + (1 - omega_AV) Loss_HV (equations 18 and 19).
 
     Args:
@@ -129,3 +141,19 @@ class LossTerms(NamedTuple):
     comfort: float
     efficiency: float
     weights: FloatArray
+
+
+def charge(v: FloatArray, jerk: FloatArray, v_ref: float | FloatArray, terms: LossTerms) -> Charge[FloatArray]:
+    """What a motion is charged over 0 .. t_k (equations 5, 6, 12 and 13).
+
+    Args:
+        v: speeds [m/s], shape (..., N + 1).
+        jerk: [m/s^3], the shape of v.
+        v_ref: reference speed [m/s], a number or of a shape that v's takes.
+        terms: scales, and whether only speeds below v_ref count.
+
+    Returns:
+        Normalised comfort and efficiency, of the shape of v.
+    """
+    efficiency = cumulative_efficiency(v, v_ref, scale=0.5 / terms.efficiency, one_sided=terms.one_sided)
+    return Charge(cumulative_comfort(jerk, scale=0.5 / terms.comfort), efficiency)

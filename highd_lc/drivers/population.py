@@ -9,13 +9,23 @@ IDM) by the error of drivers that it was not fitted to.
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field, fields, replace
+from functools import cached_property
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from highd_lc.core.lcm import MOTORWAY
-from highd_lc.drivers.responses import HARDEST, SERIES, Behaviours, Responses, Simulated, simulate
+from highd_lc.drivers.responses import (
+    HARDEST,
+    SERIES,
+    Ahead,
+    Behaviours,
+    Responses,
+    Simulated,
+    ahead_of,
+    simulate,
+)
 from highd_lc.vocab import names
 from highd_lc.vocab.driver import PARAMETERS
 
@@ -182,12 +192,24 @@ class _Descent:
     pinned: NDArray[np.bool_]
     hardest: float
 
+    @cached_property
+    def _joins(self) -> IntArray:
+        return self.responses.joins(np.full(len(self.responses), self.moment))
+
+    @cached_property
+    def _ahead(self) -> Ahead:
+        return ahead_of(self.responses, self._joins)
+
+    @cached_property
+    def _share(self) -> FloatArray:
+        """What a sample's error of speed counts: 1 over the root of their number, 0 where nothing was recorded."""
+        return np.asarray(self.responses.seen / np.sqrt(self.responses.n))
+
     def residuals(self, constants: FloatArray) -> FloatArray:
         """Errors of speed over the square root of their number, 0 where nothing was recorded, shape (K, R)."""
-        r = self.responses
-        found = simulate(self.family, self.drivers(constants), r, hardest=self.hardest)
-        error: FloatArray = np.where(r.seen, found.v - r.v, 0.0) / np.sqrt(r.n)
-        return error
+        r, drivers = self.responses, self.drivers(constants)
+        found = simulate(self.family, drivers, r, hardest=self.hardest, joins=self._joins, ahead=self._ahead)
+        return np.asarray((found.v - r.v) * self._share)
 
     def drivers(self, constants: FloatArray) -> Behaviours:
         """The drivers under these constants."""
@@ -198,7 +220,7 @@ class _Descent:
         """Of the prior."""
         return _CENTRES[self.family]
 
-    @property
+    @cached_property
     def weights(self) -> FloatArray:
         """Of each response, summing to 1."""
         w = np.where(self.responses.rank == 1, 1.0, _CHAIN_WEIGHT)
@@ -209,7 +231,7 @@ class _Descent:
         errors = np.sqrt((residuals**2).sum(axis=0) + _LEAST_ERROR**2)
         return float(self.weights @ errors**_POWER + 0.5 * self._prior @ ((constants - self.centre) / _SD) ** 2)
 
-    @property
+    @cached_property
     def _prior(self) -> FloatArray:
         return np.where(self.pinned, 0.0, _PRIOR_WEIGHT / len(self.responses))
 

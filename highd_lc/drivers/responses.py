@@ -23,7 +23,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from highd_lc.core.car_following import Simulated as Simulated
-from highd_lc.core.drive import advance, family_code, follower_command, jump
+from highd_lc.core.drive import IDM, LCM, advance, family_code, follower_command, jump
 from highd_lc.core.kernels import UNALIASED
 
 FloatArray = NDArray[np.float64]
@@ -124,23 +124,49 @@ class Responses:
         return np.asarray((self.progress < moment - 1e-9).sum(axis=0))
 
 
+class Ahead(NamedTuple):
+    """Front, speed and length of the present leader, front and speed of the one before, shape (K, R)."""
+
+    x: FloatArray
+    v: FloatArray
+    length: FloatArray
+    before_x: FloatArray
+    before_v: FloatArray
+
+
+def ahead_of(responses: Responses, joins: IntArray) -> Ahead:
+    """Whom the followers have ahead, who get their new leader at the samples ``joins``, shape (R,)."""
+    r, joined = responses, np.arange(len(responses.x))[:, None] >= joins
+    x, v = np.where(joined, r.x_ahead, r.before_x), np.where(joined, r.v_ahead, r.before_v)
+    return Ahead(x, v, np.where(joined, r.ahead_length, r.before_length), r.before_x, r.before_v)
+
+
 def simulate(
-    family: Family, behaviours: Behaviours, responses: Responses, *, hardest: float = HARDEST
+    family: Family,
+    behaviours: Behaviours,
+    responses: Responses,
+    *,
+    hardest: float = HARDEST,
+    joins: IntArray | None = None,
+    ahead: Ahead | None = None,
 ) -> Simulated:
     """Drive the followers behind what was recorded ahead of them, from their recorded states at t_start.
 
     family: of ``names.FAMILIES``, or the name of a command of one's own; hardest: bound of their braking
-    [m/s^2, positive].
+    [m/s^2, positive]; joins, ahead: where known, ``responses.joins`` of their moment and ``ahead_of`` that.
     """
     if not isinstance(family, str):
         return _of_each_family(family, behaviours, responses, hardest)
-    r, joins = responses, responses.joins(behaviours.moment)
-    joined = np.arange(len(r.x))[:, None] >= joins
-    leader_x, leader_v = np.where(joined, r.x_ahead, r.before_x), np.where(joined, r.v_ahead, r.before_v)
-    leader_length = np.where(joined, r.ahead_length, r.before_length)
-    out = Simulated(*(np.empty_like(r.x) for _ in range(3)))
-    ahead = _Ahead(leader_x, leader_v, leader_length, r.before_x, r.before_v)
-    _simulate(family_code(family), behaviours, joins, ahead, r.x[0], r.v[0], hardest, out)
+    joins = responses.joins(behaviours.moment) if joins is None else joins
+    ahead = ahead_of(responses, joins) if ahead is None else ahead
+    out = Simulated(*(np.empty_like(responses.x) for _ in range(3)))
+    start, code = (responses.x[0], responses.v[0]), family_code(family)
+    if code == LCM:
+        _simulate_lcm(behaviours, joins, ahead, *start, hardest, out)
+    elif code == IDM:
+        _simulate_idm(behaviours, joins, ahead, *start, hardest, out)
+    else:
+        _simulate_any(code, behaviours, joins, ahead, *start, hardest, out)
     return out
 
 
@@ -156,21 +182,12 @@ def _of_each_family(
     return out
 
 
-class _Ahead(NamedTuple):
-    """Front, speed and length of the present leader, front and speed of the one before, shape (K, R)."""
-
-    x: FloatArray
-    v: FloatArray
-    length: FloatArray
-    before_x: FloatArray
-    before_v: FloatArray
-
-
-@njit(cache=True, nogil=True, error_model="numpy", **UNALIASED)
+@njit(inline="always")
 def _simulate(
-    family: int, p: Behaviours, joins: IntArray, ahead: _Ahead, x0: FloatArray, v0: FloatArray, hardest: float,
+    family: int, p: Behaviours, joins: IntArray, ahead: Ahead, x0: FloatArray, v0: FloatArray, hardest: float,
     out: Simulated,
 ) -> None:  # fmt: skip
+    """See ``simulate``. family: a constant where this is inlined, so that LLVM vectorises the step."""
     samples, count = ahead.x.shape
     x, v = x0.copy(), v0.copy()
     jump_s, jump_v, m, kept, fades = (
@@ -192,16 +209,39 @@ def _simulate(
                     family, v[r], ahead.x[k, r] - x[r], ahead.v[k, r], before, ahead.before_v[k, r], p.b[r],
                     p.B[r], p.tau[r], p.L[r],
                 )  # fmt: skip
+        front, speed, length = ahead.x[k], ahead.v[k], ahead.length[k]
         for r in range(count):
             fading = max(1.0 - (k - joins[r]) * fades[r], 0.0)
             a = follower_command(
-                family, v[r], ahead.x[k, r] - x[r], ahead.v[k, r], ahead.length[k, r], p.v_desire[r], p.A[r],
+                family, v[r], front[r] - x[r], speed[r], length[r], p.v_desire[r], p.A[r],
                 p.b[r], p.B[r], p.tau[r], p.L[r] if k >= joins[r] else p.L_before[r], fading * jump_s[r],
                 fading * jump_v[r], m[r], p.a_0[r], p.drift[r], p.need[r], hardest,
             )  # fmt: skip
             out.x[k, r], out.v[k, r], out.a[k, r] = x[r], v[r], a
             x[r], v[r] = advance(x[r], v[r], a, 0.1)
             m[r] *= kept[r]
+
+
+@njit(cache=True, nogil=True, error_model="numpy", **UNALIASED)
+def _simulate_lcm(
+    p: Behaviours, joins: IntArray, ahead: Ahead, x0: FloatArray, v0: FloatArray, hardest: float, out: Simulated
+) -> None:
+    _simulate(LCM, p, joins, ahead, x0, v0, hardest, out)
+
+
+@njit(cache=True, nogil=True, error_model="numpy", **UNALIASED)
+def _simulate_idm(
+    p: Behaviours, joins: IntArray, ahead: Ahead, x0: FloatArray, v0: FloatArray, hardest: float, out: Simulated
+) -> None:
+    _simulate(IDM, p, joins, ahead, x0, v0, hardest, out)
+
+
+@njit(cache=True, nogil=True, error_model="numpy", **UNALIASED)
+def _simulate_any(
+    family: int, p: Behaviours, joins: IntArray, ahead: Ahead, x0: FloatArray, v0: FloatArray, hardest: float,
+    out: Simulated,
+) -> None:  # fmt: skip
+    _simulate(family, p, joins, ahead, x0, v0, hardest, out)
 
 
 LEAST_RECORDINGS: Final = 4

@@ -14,14 +14,12 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import pandas as pd
-import pandera.pandas as pandera
 import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
-from pandera.errors import SchemaError
 
 from highd_lc.io import atomic
 from highd_lc.vocab.errors import ArtefactError
@@ -29,10 +27,16 @@ from highd_lc.vocab.job import Job, Provenance
 from highd_lc.vocab.tables import SCHEMA_VERSION, TABLES
 from highd_lc.vocab.tables.columns import Column, Table
 
+if TYPE_CHECKING:
+    from pandera.errors import SchemaError
+    from pandera.pandas import Check, DataFrameSchema
+
 
 @cache
-def schema(name: str, chosen: tuple[str, ...]) -> pandera.DataFrameSchema:
+def schema(name: str, chosen: tuple[str, ...]) -> "DataFrameSchema":
     """The pandera schema of some columns of a table: their ranges and allowed words."""
+    import pandera.pandas as pandera  # what every process would wait for is hardly ever needed
+
     columns = {
         c.name: pandera.Column(checks=_checks(c), nullable=c.nullable)
         for c in limited(TABLES[name])
@@ -41,19 +45,23 @@ def schema(name: str, chosen: tuple[str, ...]) -> pandera.DataFrameSchema:
     return pandera.DataFrameSchema(columns, name=name)
 
 
-def _checks(column: Column) -> list[pandera.Check]:
+def _checks(column: Column) -> "list[Check]":
+    from pandera.pandas import Check
+
     checks = []
     if column.minimum is not None:
-        checks.append(pandera.Check.ge(column.minimum))
+        checks.append(Check.ge(column.minimum))
     if column.maximum is not None:
-        checks.append(pandera.Check.le(column.maximum))
+        checks.append(Check.le(column.maximum))
     if column.allowed:
-        checks.append(pandera.Check.isin(list(column.allowed)))
+        checks.append(Check.isin(list(column.allowed)))
     return checks
 
 
 def validate(table: Table, data: pa.Table) -> None:
     """Check every value. Raises ArtefactError naming table, column and the first value that is not allowed."""
+    from pandera.errors import SchemaError
+
     frame: pd.DataFrame = data.to_pandas()
     try:
         schema(table.name, tuple(frame.columns)).validate(frame)
@@ -61,7 +69,7 @@ def validate(table: Table, data: pa.Table) -> None:
         raise ArtefactError(f"{table.name}: {_in_one_line(error)}") from error
 
 
-def _in_one_line(error: SchemaError) -> str:
+def _in_one_line(error: "SchemaError") -> str:
     return " ".join(str(error).split())[:300]
 
 
@@ -73,8 +81,6 @@ def check_values(table: Table, data: pa.Table) -> None:
     """
     doubtful = [c.name for c in limited(table) if c.name in data.column_names and not _is_within(c, data[c.name])]
     if doubtful and data.num_rows:
-        pass  # pandera takes a second to import and is hardly ever needed
-
         validate(table, data.select(doubtful))
 
 

@@ -17,6 +17,7 @@ from highd_lc.core.drive import (
     remembered,
 )
 from highd_lc.core.ellipse import ellipse_clearance
+from highd_lc.core.losses import Charge, LossTerms, charge
 from highd_lc.core.quintic import SHARE_TOLERANCE, Quintic, sample
 from highd_lc.planning.scene import MOMENT, Human, PackedScene
 from highd_lc.vocab.driver import TABLE3_MEANS
@@ -112,6 +113,11 @@ def _prescribed(columns: tuple[FloatArray, ...], samples: int, crossing: int) ->
         row[: n + 1] = column[: n + 1]
     x, y, vx, vy, ax, jerk = padded
     return AvMotion(x, y, vx, vy, ax, jerk, n=n, crossing=crossing)
+
+
+def av_charge(av: AvMotion, terms: LossTerms) -> Charge[FloatArray]:
+    """What the AV is charged over 0 .. t_k, shape (N + 1,)."""
+    return charge(np.hypot(av.vx, av.vy), av.jerk, terms.av_ref, terms)
 
 
 def box_centre(av: AvMotion, rear_to_centre: float) -> tuple[FloatArray, FloatArray]:

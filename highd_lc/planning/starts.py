@@ -33,12 +33,19 @@ from numpy.typing import NDArray
 
 from highd_lc.core.drive import LCM
 from highd_lc.core.ellipse import ellipses_overlap
-from highd_lc.core.losses import LossTerms, command_jerk, speed_difference
+from highd_lc.core.losses import Charge, LossTerms, charge, command_jerk
 from highd_lc.planning.contacts import NO_CONTACT
 from highd_lc.planning.limits import limits_of
 from highd_lc.planning.planner import PlanningProblem
 from highd_lc.planning.pool import Before, Goal, Pool, Task
-from highd_lc.planning.replay import AvMotion, drive_on, follow, free_motion, origin_follower_motion
+from highd_lc.planning.replay import (
+    AvMotion,
+    av_charge,
+    drive_on,
+    follow,
+    free_motion,
+    origin_follower_motion,
+)
 from highd_lc.planning.scene import BARE_LCM, FAMILY, MOMENT, Motion, PackedScene, Scene, obstacle_count
 from highd_lc.vocab import names
 from highd_lc.vocab.driver import REPLAY_L_BOUNDS, TABLE3_MEANS
@@ -78,9 +85,9 @@ NEVER: Final = ChainContact(NO_CONTACT, -1)
 
 
 @dataclass(frozen=True)
-class Charges:
-    """Losses on the way, aggregated: av_before, hv_before (N + 1,): charged to the samples before k; hv_passed
-    (N + 1,): charged over 0 .. k to the followers that the AV lets pass.
+class WaitingLosses:
+    """Losses while the AV waits, aggregated: av_before, hv_before (N + 1,): charged to the samples before k;
+    hv_passed (N + 1,): charged over 0 .. k to the followers that the AV lets pass.
     """
 
     av_before: FloatArray
@@ -143,32 +150,32 @@ def _first_contact(x: FloatArray, follower_x: FloatArray, origin_x: FloatArray, 
     return NO_CONTACT
 
 
-def charges(waiting: Waiting, terms: LossTerms, dt: float, *, passed: int, counts_insertion: bool) -> Charges:
+def waiting_losses(
+    waiting: Waiting, terms: LossTerms, dt: float, *, passed: int, counts_insertion: bool
+) -> WaitingLosses:
     """What the AV and the followers are charged beside the manoeuvre.
 
     passed: number of followers that the AV lets pass; counts_insertion: whether the next one's step of the command
     at the start counts as well (it does while that one keeps its leader until the crossing, or if nobody of the
     followers gets a new one).
     """
-    av_speed = speed_difference(waiting.av.vx, terms.av_ref, one_sided=terms.one_sided)
-    av = terms.efficiency * av_speed + terms.comfort * waiting.av.jerk
-    jerk = terms.comfort * command_jerk(waiting.a, dt)
-    ref = terms.hv_ref[:, None] - waiting.v
-    each = terms.efficiency * (np.maximum(ref, 0.0) if terms.one_sided else np.abs(ref)) + jerk
-    before = _before(each[passed:]) + jerk[passed:]
-    if len(before) and not counts_insertion:
-        before[0] -= jerk[passed]
-    weights = terms.weights
-    return Charges(
-        av_before=_before(av),
-        hv_before=weights[passed:] @ before,
-        hv_passed=weights[:passed] @ np.cumsum(each[:passed], axis=-1),
+    each = charge(waiting.v, command_jerk(waiting.a, dt), terms.hv_ref[:, None], terms)
+    # The step onto the sample of the start comes from before the manoeuvre.
+    before = Charge(each.comfort[passed:], _before(each.efficiency[passed:]))
+    if len(before.comfort) and not counts_insertion:
+        before.comfort[0] = _before(before.comfort[0])
+    return WaitingLosses(
+        av_before=_before(av_charge(waiting.av, terms).loss),
+        hv_before=terms.weights[passed:] @ before.loss,
+        hv_passed=terms.weights[:passed] @ each.loss[:passed],
     )
 
 
-def _before(charge: FloatArray) -> FloatArray:
-    """Sum of the charges of the samples before each, along the last axis."""
-    return np.asarray(np.cumsum(charge, axis=-1) - charge)
+def _before(charged: FloatArray) -> FloatArray:
+    """From what is charged over 0 .. t_k what is charged to the samples before each, along the last axis."""
+    before = np.zeros(charged.shape)
+    before[..., 1:] = charged[..., :-1]
+    return before
 
 
 @dataclass(frozen=True)
@@ -190,7 +197,7 @@ class Gap:
     a: FloatArray
     passed: int
     rows: slice
-    charges: Charges
+    charges: WaitingLosses
     passed_contact: ChainContact = NEVER
 
     def opens(self, waiting: Waiting) -> NDArray[np.bool_]:
@@ -231,7 +238,7 @@ def find_gaps(scene: Scene, packed: PackedScene, terms: LossTerms, waiting: Wait
 
 
 def _recorded(packed: PackedScene, terms: LossTerms, waiting: Waiting) -> Gap:
-    own = charges(waiting, terms, packed.dt, passed=0, counts_insertion=_waits(packed, 0))
+    own = waiting_losses(waiting, terms, packed.dt, passed=0, counts_insertion=_waits(packed, 0))
     return Gap(names.RECORDED_GAP, packed, terms, waiting.x, waiting.v, waiting.a, 0, slice(None), own)
 
 
@@ -267,7 +274,7 @@ def _behind(g: int, packed: PackedScene, terms: LossTerms, waiting: Waiting) -> 
         weights=packed.weights[g:].copy(),
     )
     later = terms._replace(hv_ref=terms.hv_ref[g:].copy(), weights=terms.weights[g:].copy())
-    own = charges(waiting, terms, packed.dt, passed=g, counts_insertion=_waits(packed, g))
+    own = waiting_losses(waiting, terms, packed.dt, passed=g, counts_insertion=_waits(packed, g))
     motion = (waiting.x[g:], waiting.v[g:], waiting.a[g:])
     met = chain_contact(waiting.x[:g], packed)
     return Gap(names.gap_behind(g), scene, later, *motion, g, slice(None), own, met)
@@ -299,7 +306,7 @@ def _ahead(leader: Motion, packed: PackedScene, terms: LossTerms, waiting: Waiti
         weights=np.append(0.0, packed.weights),
     )
     ahead = terms._replace(hv_ref=np.append(terms.hv_ref[:1], terms.hv_ref), weights=np.append(0.0, terms.weights))
-    own = charges(waiting, terms, packed.dt, passed=0, counts_insertion=True)
+    own = waiting_losses(waiting, terms, packed.dt, passed=0, counts_insertion=True)
     motion = (
         np.vstack([leader.x, waiting.x]),
         np.vstack([leader.v, waiting.v]),

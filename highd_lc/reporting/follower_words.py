@@ -11,10 +11,8 @@ from typing import Any, Final
 
 import numpy as np
 import pandas as pd
-from markupsafe import Markup
 
 from highd_lc.reporting import html, labels
-from highd_lc.reporting.pages_data import Section
 from highd_lc.vocab import names
 from highd_lc.vocab.policy import PAIRS
 from highd_lc.vocab.tables.prediction import AIMS
@@ -384,10 +382,3 @@ def aims_say(aims: pd.DataFrame) -> Iterator[str]:
         unknown = f"; {rest} cannot be judged here" if rest else ""
         met = f"{int(known.sum())} of the {len(mine)} aims for followers that can be believed"
         yield f"The model meets {met}{unknown}."
-
-
-def believed_section(says: Sequence[str], *, linked: bool) -> Section:
-    """What stands in front of every gain. says: see ``follower_words``; linked: whether there is a page on it."""
-    link = Markup('More: <a href="{0}">how well followers are predicted</a>.').format(PAGE)
-    text = (*says, link) if linked else tuple(says)
-    return Section("How far the followers can be believed", text, anchor="believed")

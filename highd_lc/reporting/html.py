@@ -17,15 +17,15 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
-import matplotlib
-from jinja2 import Environment, PackageLoader, StrictUndefined, Template
 from markupsafe import Markup
-from matplotlib.backends.backend_svg import FigureCanvasSVG
-from matplotlib.figure import Figure
 
-from highd_lc.reporting import drawing, labels
+from highd_lc.reporting import labels
+
+if TYPE_CHECKING:
+    from jinja2 import Environment, Template
+    from matplotlib.figure import Figure
 
 
 @dataclass(frozen=True)
@@ -101,12 +101,14 @@ def without(page: str, missing: Iterable[str]) -> str:
 
 
 @cache
-def _template(name: str) -> Template:
+def _template(name: str) -> "Template":
     return _environment().get_template(name)
 
 
 @cache
-def _environment() -> Environment:
+def _environment() -> "Environment":
+    from jinja2 import Environment, PackageLoader, StrictUndefined
+
     environment = Environment(
         loader=PackageLoader("highd_lc.reporting"),
         autoescape=True,
@@ -210,11 +212,13 @@ def _asset(name: str) -> str:
     return (files("highd_lc.reporting") / "assets" / name).read_text(encoding="utf-8")
 
 
-def inline_svg(figure: Figure, alternative: str) -> Markup:
+def inline_svg(figure: "Figure", alternative: str) -> Markup:
     """A matplotlib figure as SVG inside a page, in the page's font and colours; its ground is clear.
 
     alternative: what the figure shows, in words.
     """
+    import matplotlib
+
     sink = io.StringIO()
     with matplotlib.rc_context({"svg.fonttype": "none", "svg.hashsalt": "highd_lc"}):
         _lay_out(figure)
@@ -227,8 +231,10 @@ def inline_svg(figure: Figure, alternative: str) -> Markup:
     return Markup(text.replace("<svg ", str(head), 1))
 
 
-def _lay_out(figure: Figure) -> None:
+def _lay_out(figure: "Figure") -> None:
     """Place a figure's axes once and for all: ``savefig`` would draw everything for it, only to draw it again."""
+    from matplotlib.backends.backend_svg import FigureCanvasSVG
+
     engine = figure.get_layout_engine()
     if engine is not None:
         FigureCanvasSVG(figure)
@@ -240,6 +246,8 @@ def _lay_out(figure: Figure) -> None:
 @cache
 def _theme_colours() -> dict[str, str]:
     """Colours of figures as matplotlib writes them, and what takes their place on a page with two themes."""
+    from highd_lc.reporting import drawing
+
     policies = {look.light.lower(): f"var(--policy-{policy})" for policy, look in labels.POLICIES.items()}
     parts = {colour.lower(): f"var(--{name.replace('_', '-')})" for name, _, colour in labels.LOSS_PARTS}
     return (

@@ -269,3 +269,19 @@ def role(name: str) -> str:
     if name.startswith(names.TARGET_FOLLOWER):
         return f"HV {name.rsplit('_', 1)[1]}"
     return {names.EGO: "AV"}.get(name, name.replace("_", " "))
+
+
+CLAIMS: Final = {
+    "hv_loss_falls": "followers' loss falls",
+    "total_loss_falls": "total loss falls",
+    "av_loss_rises": "AV loss rises",
+    "travel_time_falls": "travel time falls",
+    "av_faster": "AV faster",
+    "av_returns": "AV returns",
+    "flow_rises": "flow rises",
+    "speed_rises": "speed rises",
+    "density_falls": "density falls",
+    "total_lowest_at_half": "total lowest at 0.5-0.6",
+    "weights_trade": "weights trade losses",
+}
+"""Claims in the order of the paper, in few words."""

@@ -12,6 +12,7 @@ from markupsafe import Markup
 
 from highd_lc.reporting import figures_extraction as figures
 from highd_lc.reporting import html, labels
+from highd_lc.reporting.follower_words import PAGE as PREDICTION_PAGE
 from highd_lc.vocab import names
 
 
@@ -77,6 +78,13 @@ def overview_page(here: str, title: str, sections: Iterable[Section], lead: Sequ
     """A page from its sections. here: its file name."""
     context = {"root": "", "here": here, "title": title, "lead": lead, "sections": list(sections)}
     return html.render("overview.html", context)
+
+
+def believed_section(says: Sequence[str], *, linked: bool) -> Section:
+    """What stands in front of every gain. says: see ``follower_words``; linked: whether there is a page on it."""
+    link = Markup('More: <a href="{0}">how well followers are predicted</a>.').format(PREDICTION_PAGE)
+    text = (*says, link) if linked else tuple(says)
+    return Section("How far the followers can be believed", text, anchor="believed")
 
 
 def data_page(recordings: pd.DataFrame, crossings: pd.DataFrame, events: pd.DataFrame) -> str:

@@ -12,7 +12,14 @@ from highd_lc.drivers.prediction import DENSITIES
 from highd_lc.reporting import figures_prediction as figures
 from highd_lc.reporting import follower_words as words
 from highd_lc.reporting import html, labels
-from highd_lc.reporting.pages_data import Column, Section, TableView, overview_page, table_view
+from highd_lc.reporting.pages_data import (
+    Column,
+    Section,
+    TableView,
+    believed_section,
+    overview_page,
+    table_view,
+)
 from highd_lc.reporting.pages_followers import error_sections, externality_sections
 from highd_lc.vocab import names
 from highd_lc.vocab.tables.prediction import RECORDED
@@ -74,7 +81,7 @@ def prediction_page(tables: PredictionTables) -> str:
 def _sections(tables: PredictionTables) -> Iterator[Section]:
     effects = words.effects_of(tables.losses)
     says = words.followers_say(tables.prediction_summary, effects, tables.prediction_aims)
-    yield words.believed_section(says, linked=False)
+    yield believed_section(says, linked=False)
     yield _thresholds_section()
     yield from _aims_sections(tables.prediction_aims)
     if len(tables.summary):

@@ -136,21 +136,6 @@ def ledger_sections(ledger: pd.DataFrame) -> list[Section]:
     return sections
 
 
-CLAIM_WORDS: Final = {
-    "hv_loss_falls": "followers' loss falls",
-    "total_loss_falls": "total loss falls",
-    "av_loss_rises": "AV loss rises",
-    "travel_time_falls": "travel time falls",
-    "av_faster": "AV faster",
-    "av_returns": "AV returns",
-    "flow_rises": "flow rises",
-    "speed_rises": "speed rises",
-    "density_falls": "density falls",
-    "total_lowest_at_half": "total lowest at 0.5-0.6",
-    "weights_trade": "weights trade losses",
-}
-"""Claims in the order of the paper, in few words."""
-
 _CLAIM_COLUMNS: Final = (
     Column("words", "Claim"),
     Column("scenario_label", "Scenario"),
@@ -178,7 +163,7 @@ def claims_section(claims: pd.DataFrame, *, title: str = "Claims", what: str = "
     what: of what the cells are counted; a sweep's are too many to be listed.
     """
     labelled = claims.assign(
-        words=claims["claim"].map(CLAIM_WORDS),
+        words=claims["claim"].map(labels.CLAIMS),
         scenario_label=claims["scenario"].map(scenario_words),
         printed=claims["printed"].str.replace(" -> ", " → "),
         cell=[f"{r.form} {r.accounting}" for r in claims.itertuples()],
@@ -192,7 +177,7 @@ def claims_section(claims: pd.DataFrame, *, title: str = "Claims", what: str = "
         },
     )
     labelled["verdict"] = [_verdict_text(row) for row in labelled.itertuples()]
-    order = labelled["claim"].map({name: i for i, name in enumerate(CLAIM_WORDS)})
+    order = labelled["claim"].map({name: i for i, name in enumerate(labels.CLAIMS)})
     labelled = labelled.iloc[order.argsort(kind="stable")]
     index = ["claim", "scenario", "words", "scenario_label", "printed"]
     wide = labelled.pivot_table(index=index, columns="cell", values="verdict", aggfunc="first", sort=False)

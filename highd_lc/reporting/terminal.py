@@ -14,7 +14,6 @@ from rich.table import Table
 from highd_lc.reporting import labels
 from highd_lc.reporting.certainty_words import no_interval
 from highd_lc.reporting.follower_words import LONG, SHORT, aim_rows, recordings_say, row_of, within_band
-from highd_lc.reporting.pages_scenarios import CLAIM_WORDS
 from highd_lc.vocab import names
 
 
@@ -275,7 +274,7 @@ def claims_table(claims: pd.DataFrame) -> Table:
     for form, accounting in cells:
         table.add_column(f"{form}\n{_SHORT[accounting]}", no_wrap=True)
     found = claims.set_index(["claim", "scenario", "form", "accounting"])
-    for claim, words in CLAIM_WORDS.items():
+    for claim, words in labels.CLAIMS.items():
         for scenario in dict.fromkeys(claims.loc[claims["claim"] == claim, "scenario"]):
             rows: list[Any] = [found.xs((claim, scenario, *cell)) for cell in cells]
             table.add_row(words, scenario.replace("_", "/"), *map(_cell, rows))

@@ -122,7 +122,7 @@ def _columns(problem: PlanningProblem, pool: Pool, goal: Goal) -> Row:
     plan = problem.task.quintic(int(pool.n[best]), float(pool.delta[best]), float(pool.change[best]))
     played = replay(plan_motion(plan, problem.packed), problem.packed)
     dt, n = problem.scene.dt, played.av.n
-    losses = charges.cumulative_losses(played, problem.terms, problem.settings.loss, dt)
+    losses = charges.cumulative_losses(played, problem.terms, dt)
     charged = charges.losses_at(losses, goal.accounting, problem.terms, n=n, dt=dt)
     return {
         "status": names.SOLVED,

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from highd_lc.core.drive import hardest_braking
 from highd_lc.core.edie import clip_to_rectangle, edie, trajectories_of
-from highd_lc.core.losses import command_jerk, cumulative_comfort
+from highd_lc.core.losses import charge, command_jerk
 from highd_lc.core.quintic import Quintic, sample
 from highd_lc.planning import planner
 from highd_lc.planning.planner import PlanningProblem
@@ -98,7 +98,7 @@ def drive_plan(planned: Planned, plan: Quintic, *, accounting: str, followers: i
     problem, posed = planned.problem, planned.situation
     played = replay(plan_motion(plan, problem.packed), problem.packed)
     dt = posed.vehicle.dt_s
-    losses = charges.cumulative_losses(played, problem.terms, problem.settings.loss, dt)
+    losses = charges.cumulative_losses(played, problem.terms, dt)
     charged = charges.losses_at(losses, accounting, problem.terms, n=played.av.n, dt=dt)
     kept = {key: float(value) for key, value in charged.items() if isinstance(value, float)}
     return Outcome(plan, played, drive_behind(posed, av_lead(posed, plan), followers=followers), kept)
@@ -153,14 +153,12 @@ def no_lane_change(posed: Situation, *, followers: int | None = None) -> Platoon
 
 def platoon_loss(problem: PlanningProblem, platoon: Platoon, *, accounting: str, n: int) -> float:
     """Loss of the planned followers in a run of the platoon over the accounted time. n: sample of T."""
-    terms, settings, dt = problem.terms, problem.settings.loss, problem.scene.dt
+    terms, dt = problem.terms, problem.scene.dt
     samples = len(problem.packed.target_v)
     _, last = ACCOUNTINGS[accounting].charged(n, samples - 1)
     p = len(terms.weights)
     v, a = platoon.v[:p, :samples], platoon.a[:p, :samples]
-    comfort = cumulative_comfort(command_jerk(a, dt), scale=settings.comfort_scale)[:, last]
-    efficiency = charges.follower_efficiency(v, terms, settings)[:, last]
-    return float(0.5 * terms.weights @ (comfort + efficiency))
+    return charge(v, command_jerk(a, dt), terms.hv_ref[:, None], terms).upto(last).weighted(terms.weights).loss
 
 
 def traffic_columns(outcome: Outcome, unchanged: Platoon, *, settings: ScenarioSettings) -> dict[str, Any]:

@@ -115,7 +115,7 @@ def _losses(planned: Planned, path: FloatArray, motion: SampledMotion, settings:
     problem, dt = planned.problem, settings.vehicle.dt_s
     av = _av_motion(path, motion, len(problem.packed.target_v))
     played = replay(av, problem.packed)
-    losses = charges.cumulative_losses(played, problem.terms, problem.settings.loss, dt)
+    losses = charges.cumulative_losses(played, problem.terms, dt)
     charged = charges.losses_at(losses, settings.accounting, problem.terms, n=av.n, dt=dt)
     row = {name: charged[name] for name in ("loss_av", "loss_hv", "loss_total")}
     return row | {"hv1_v_min": float(played.v[0].min())}

@@ -6,17 +6,16 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from highd_lc.core.losses import LossTerms, command_jerk, cumulative_comfort, cumulative_efficiency
+from highd_lc.core.losses import Charge, LossTerms, charge, command_jerk
 from highd_lc.core.safety import braking_asked, critical_gap, rss_gaps
 from highd_lc.planning.limits import Pair, first_contact, pairs
 from highd_lc.planning.planner import Plan, PlanningProblem
-from highd_lc.planning.replay import Replay
+from highd_lc.planning.replay import Replay, av_charge
 from highd_lc.planning.safety import dracs, time_gaps
 from highd_lc.planning.scene import Motion, target_leader_lengths
 from highd_lc.vocab import names
 from highd_lc.vocab.policy import ACCOUNTINGS
 from highd_lc.vocab.safety import SafetySettings
-from highd_lc.vocab.sections import LossSettings
 
 FloatArray = NDArray[np.float64]
 
@@ -25,73 +24,47 @@ _R79_BRAKING = 3.0
 
 
 @dataclass(frozen=True)
-class CumulativeLosses:
-    """Normalised losses charged over 0 .. t_k: of the AV, shape (N + 1,), of each follower, shape (p, N + 1)."""
+class Charges:
+    """What the AV, shape (N + 1,), and each follower, shape (p, N + 1), is charged over 0 .. t_k."""
 
-    av_comfort: FloatArray
-    av_efficiency: FloatArray
-    hv_comfort: FloatArray
-    hv_efficiency: FloatArray
+    av: Charge[FloatArray]
+    hv: Charge[FloatArray]
+
+    def of_hv(self, terms: LossTerms, last: int) -> Charge[float]:
+        """The followers' charge over the samples 0 .. last, by their weights."""
+        return self.hv.upto(last).weighted(terms.weights)
 
 
-def cumulative_losses(replay: Replay, terms: LossTerms, settings: LossSettings, dt: float) -> CumulativeLosses:
-    """Cumulative losses of a replayed motion."""
-    av_speed = np.hypot(replay.av.vx, replay.av.vy)
-    one_sided = terms.one_sided
+def cumulative_losses(replay: Replay, terms: LossTerms, dt: float) -> Charges:
+    """What a replayed motion is charged."""
     jerk = command_jerk(replay.a, dt)
     if replay.entry is not None and replay.entry.hand_over is not None:
         jerk[replay.entry.place - 1, replay.entry.hand_over] = 0.0
-    return CumulativeLosses(
-        cumulative_comfort(replay.av.jerk, scale=settings.comfort_scale),
-        cumulative_efficiency(av_speed, terms.av_ref, scale=settings.efficiency_scale, one_sided=one_sided),
-        cumulative_comfort(jerk, scale=settings.comfort_scale),
-        follower_efficiency(replay.v, terms, settings),
-    )
+    return Charges(av_charge(replay.av, terms), charge(replay.v, jerk, terms.hv_ref[:, None], terms))
 
 
-def follower_efficiency(v: FloatArray, terms: LossTerms, settings: LossSettings) -> FloatArray:
-    """Cumulative efficiency of the followers, each against its own reference. v: shape (p, N + 1) [m/s]."""
-    rows = [
-        cumulative_efficiency(row, ref, scale=settings.efficiency_scale, one_sided=terms.one_sided)
-        for row, ref in zip(v, terms.hv_ref, strict=True)
-    ]
-    return np.stack(rows)
-
-
-def losses_at(
-    losses: CumulativeLosses, accounting: str, terms: LossTerms, *, n: int, dt: float
-) -> dict[str, object]:
+def losses_at(losses: Charges, accounting: str, terms: LossTerms, *, n: int, dt: float) -> dict[str, object]:
     """The columns of ``losses`` that follow from the simulated motion, under one accounting."""
-    av_last, hv_last = ACCOUNTINGS[accounting].charged(n, losses.av_comfort.shape[-1] - 1)
-    av_comfort, av_efficiency = float(losses.av_comfort[av_last]), float(losses.av_efficiency[av_last])
-    hv_comfort = float(terms.weights @ losses.hv_comfort[:, hv_last])
-    hv_efficiency = float(terms.weights @ losses.hv_efficiency[:, hv_last])
-    each = 0.5 * losses.hv_comfort[:, hv_last] + 0.5 * losses.hv_efficiency[:, hv_last]
-    loss_av = 0.5 * av_comfort + 0.5 * av_efficiency
-    loss_hv = 0.5 * hv_comfort + 0.5 * hv_efficiency
+    av_last, hv_last = ACCOUNTINGS[accounting].charged(n, losses.av.comfort.shape[-1] - 1)
+    av, hv = losses.av.upto(av_last), losses.of_hv(terms, hv_last)
+    loss_av, loss_hv = float(av.loss), hv.loss
     return {
         "loss_av": loss_av,
-        "av_comfort": av_comfort,
-        "av_efficiency": av_efficiency,
+        "av_comfort": float(av.comfort),
+        "av_efficiency": float(av.efficiency),
         "loss_hv": loss_hv,
-        "hv_comfort": hv_comfort,
-        "hv_efficiency": hv_efficiency,
+        "hv_comfort": hv.comfort,
+        "hv_efficiency": hv.efficiency,
         "loss_total": loss_av + loss_hv,
         "loss_av_dt": loss_av * dt,
         "loss_hv_dt": loss_hv * dt,
-        "loss_hv_each": each.tolist(),
+        "loss_hv_each": losses.hv.upto(hv_last).loss.tolist(),
         "follower_weights": terms.weights.tolist(),
     }
 
 
 def recorded_loss(
-    recorded: tuple[Motion, ...],
-    simulated: CumulativeLosses,
-    terms: LossTerms,
-    settings: LossSettings,
-    *,
-    last: int,
-    dt: float,
+    recorded: tuple[Motion, ...], simulated: Charges, terms: LossTerms, *, last: int, dt: float
 ) -> dict[str, float | int]:
     """Followers' loss from their recorded motion, and the simulated one over the same samples.
 
@@ -103,14 +76,10 @@ def recorded_loss(
         end = min(motion.observed - 1, last)
         if end < 1:
             continue
-        jerk = command_jerk(motion.a[: end + 1], dt)
-        comfort = cumulative_comfort(jerk, scale=settings.comfort_scale)[-1]
-        efficiency = cumulative_efficiency(
-            motion.v[: end + 1], terms.hv_ref[i], scale=settings.efficiency_scale, one_sided=terms.one_sided
-        )[-1]
-        loss += terms.weights[i] * 0.5 * (comfort + efficiency)
-        both = simulated.hv_comfort[i, end] + simulated.hv_efficiency[i, end]
-        counterpart += terms.weights[i] * 0.5 * both
+        seen = slice(0, end + 1)
+        own = charge(motion.v[seen], command_jerk(motion.a[seen], dt), terms.hv_ref[i], terms).upto(end)
+        loss += terms.weights[i] * own.loss
+        counterpart += terms.weights[i] * simulated.hv.upto(end).loss[i]
         samples += end + 1
     if not samples:
         return {"loss_hv_recorded": np.nan, "loss_hv_simulated": np.nan, "recorded_n_samples": 0}
@@ -250,14 +219,13 @@ class Scores:
 
     problem: PlanningProblem
     unchanged: Plan
-    found: dict[Replay, CumulativeLosses] = field(default_factory=dict)
+    found: dict[Replay, Charges] = field(default_factory=dict)
     safe: dict[tuple[Replay, int], dict[str, float]] = field(default_factory=dict)
 
-    def losses(self, replay: Replay) -> CumulativeLosses:
-        """Cumulative losses of a replay."""
+    def losses(self, replay: Replay) -> Charges:
+        """What a replay is charged."""
         if replay not in self.found:
-            terms, loss = self.problem.terms, self.problem.settings.loss
-            self.found[replay] = cumulative_losses(replay, terms, loss, self.problem.scene.dt)
+            self.found[replay] = cumulative_losses(replay, self.problem.terms, self.problem.scene.dt)
         return self.found[replay]
 
     def safety(self, plan: Plan, last: int) -> dict[str, float]:
@@ -277,6 +245,4 @@ class Scores:
         assert replay is not None, "it needs no plan"
         if first_contact(replay, self.problem.packed, joins=False, last=last, origin_leader=origin):
             return np.nan
-        losses = self.losses(replay)
-        both = losses.hv_comfort[:, last] + losses.hv_efficiency[:, last]
-        return float(0.5 * self.problem.terms.weights @ both)
+        return self.losses(replay).of_hv(self.problem.terms, last).loss

@@ -27,9 +27,9 @@ from highd_lc.core.drive import (
 )
 from highd_lc.core.kernels import UNALIASED
 from highd_lc.core.lcm import MOTORWAY
-from highd_lc.core.losses import LossTerms, cumulative_comfort, cumulative_efficiency
+from highd_lc.core.losses import LossTerms
 from highd_lc.planning.contacts import NO_CONTACT
-from highd_lc.planning.replay import AvMotion, Entry, joins
+from highd_lc.planning.replay import AvMotion, Entry, av_charge, joins
 from highd_lc.planning.scene import BARE_LCM, FAMILY, MEMORY, MOMENT, PackedScene
 from highd_lc.vocab.driver import REPLAY_L_BOUNDS
 
@@ -38,8 +38,8 @@ IntArray = NDArray[np.int64]
 
 
 @dataclass(frozen=True)
-class Charged:
-    """A side's loss charged to T and to H, shape (K,): one value a set of drivers.
+class DrawnLosses:
+    """The followers' loss charged to T and to H, shape (K,): one value a set of drivers.
 
     contact: first sample at which somebody on the target lane is past the rear bumper of the vehicle ahead, shape
     (K,); NO_CONTACT if nobody ever is, or if only the AV's contacts are asked for. n: sample of T.
@@ -89,14 +89,14 @@ _MOTORWAY = np.array([MOTORWAY.v_desire, MOTORWAY.A, MOTORWAY.b, MOTORWAY.b, MOT
 
 def drawn_followers(
     av: AvMotion, scene: PackedScene, terms: LossTerms, parameters: FloatArray, entry: Entry | None = None
-) -> Charged:
+) -> DrawnLosses:
     """The followers' aggregated loss for each of K sets of their model's parameters, shape (K, p, 6).
 
     How they react is the scene's. L of a follower behind the one before, or behind the AV, moves with its own L.
     entry: as in ``Replay``.
     """
     count = len(parameters)
-    out = Charged(np.zeros(count), np.zeros(count), np.full(count, NO_CONTACT), av.n)
+    out = DrawnLosses(np.zeros(count), np.zeros(count), np.full(count, NO_CONTACT), av.n)
     joined = joining(av, scene, entry)
     drivers = np.ascontiguousarray(parameters.transpose(1, 2, 0)).reshape(len(scene.follower_x), -1)
     before, behind_av = _moved_lengths(parameters, scene, joined.follower)
@@ -118,7 +118,7 @@ def _moved_lengths(parameters: FloatArray, scene: PackedScene, follower: int) ->
     return before, np.clip(moved, *REPLAY_L_BOUNDS)
 
 
-def idm_followers(av: AvMotion, scene: PackedScene, terms: LossTerms, entry: Entry | None = None) -> Charged:
+def idm_followers(av: AvMotion, scene: PackedScene, terms: LossTerms, entry: Entry | None = None) -> DrawnLosses:
     """The followers' aggregated loss if all of them drive by the IDM on a motorway; shape (1,)."""
     reactions = scene.reactions.copy()
     reactions[:, FAMILY:MOMENT] = float(IDM), *BARE_LCM[MEMORY:]
@@ -130,11 +130,7 @@ def idm_followers(av: AvMotion, scene: PackedScene, terms: LossTerms, entry: Ent
 
 def av_charged(av: AvMotion, terms: LossTerms) -> tuple[float, float]:
     """The AV's loss charged to T and to H."""
-    speed = np.hypot(av.vx, av.vy)
-    # The terms hold 0.5 / N: dividing by their inverse gives the weighted sums.
-    comfort = cumulative_comfort(av.jerk, scale=1.0 / terms.comfort)
-    scale = 1.0 / terms.efficiency
-    loss = comfort + cumulative_efficiency(speed, terms.av_ref, scale=scale, one_sided=terms.one_sided)
+    loss = av_charge(av, terms).loss
     return float(loss[av.n]), float(loss[-1])
 
 

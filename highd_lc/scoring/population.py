@@ -5,13 +5,12 @@ A cluster is a recording, or a location: its events stand and fall together (equ
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cache, lru_cache
 from typing import Final
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
-from scipy.special import stdtrit
 
 from highd_lc.vocab.sections import StatisticsSettings
 
@@ -117,6 +116,14 @@ LEAST_CLUSTERS: Final = 5
 """Fewer recordings than this give no interval."""
 
 
+@cache
+def student(degrees: int, share: float) -> float:
+    """The value below which a share of Student's distribution lies."""
+    from scipy.special import stdtrit  # an eighth of a second that only intervals are worth
+
+    return float(stdtrit(degrees, share))
+
+
 def cluster_interval(
     numerator: FloatArray, denominator: FloatArray, clusters: IntArray, *, confidence: float
 ) -> tuple[float, float]:
@@ -132,7 +139,7 @@ def cluster_interval(
     ratio = float(numerator.sum()) / total
     residuals = np.bincount(place, weights=numerator - ratio * denominator)
     error = float(np.sqrt(count / (count - 1.0) * (residuals**2).sum())) / abs(total)
-    reach = float(stdtrit(count - 1, 0.5 + confidence / 2.0)) * error
+    reach = student(count - 1, 0.5 + confidence / 2.0) * error
     return ratio - reach, ratio + reach
 
 
@@ -203,8 +210,8 @@ def _bootstrap_t(above: FloatArray, below: FloatArray, bootstrap: Bootstrap) -> 
     error = _jackknife_error((above.sum() - above) / rest)
     deviations = _studentised(above, below, weights[drawn > 0.0], ratio)
     low, high = np.quantile(deviations, [tail, 1.0 - tail])
-    student = float(stdtrit(len(above) - 1, 1.0 - tail))
-    return Interval(ratio - max(high, student) * error, ratio + max(-low, student) * error)
+    least = student(len(above) - 1, 1.0 - tail)
+    return Interval(ratio - max(high, least) * error, ratio + max(-low, least) * error)
 
 
 def _jackknife_error(left_out: FloatArray) -> float:

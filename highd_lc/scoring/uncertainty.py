@@ -33,7 +33,7 @@ from highd_lc.planning.start_planner import FORM_OF_START, key_of, replay_start,
 from highd_lc.planning.start_search import search_starts
 from highd_lc.planning.starts import CONTAINED, Key, StartProblem, best_of, pose_starts
 from highd_lc.scoring import charges, cross_scores
-from highd_lc.scoring.cross_scores import Charged
+from highd_lc.scoring.cross_scores import DrawnLosses
 from highd_lc.vocab import names
 from highd_lc.vocab.policy import ACCOUNTINGS, PAIRS, POLICIES
 
@@ -170,11 +170,11 @@ def replan(problem: PlanningProblem, draws: FloatArray, *, chooses_start: bool =
     )
 
 
-def rescore(problem: PlanningProblem, plan: Plan, draws: FloatArray) -> Charged:
+def rescore(problem: PlanningProblem, plan: Plan, draws: FloatArray) -> DrawnLosses:
     """Followers' loss under each draw while the AV keeps to a plan made without knowing it; shape (K,)."""
     if plan.replay is None:
         nothing = np.full(len(draws), np.nan)
-        return Charged(nothing, nothing, np.full(len(draws), NO_CONTACT), 0)
+        return DrawnLosses(nothing, nothing, np.full(len(draws), NO_CONTACT), 0)
     return cross_scores.drawn_followers(plan.replay.av, problem.packed, problem.terms, draws, plan.replay.entry)
 
 
@@ -185,7 +185,7 @@ def av_loss(problem: PlanningProblem, plan: Plan) -> tuple[float, float]:
     return cross_scores.av_charged(plan.replay.av, problem.terms)
 
 
-def charged_by(accounting: str, av: tuple[float, float], hv: Charged) -> tuple[float, FloatArray]:
+def charged_by(accounting: str, av: tuple[float, float], hv: DrawnLosses) -> tuple[float, FloatArray]:
     """Loss of the AV and of the followers, shape (K,), under an accounting."""
     return (av[1] if accounting == names.EQUAL else av[0]), (hv.to_T if accounting == names.PAPER else hv.to_H)
 
@@ -294,11 +294,9 @@ def _drive(problem: PlanningProblem, goal: Goal, choice: Choice | None, *, plann
     if choice is None:
         return Driven(None, np.nan, np.nan, np.nan, False, plannings)
     played = _replay(pose_starts(problem), choice)
-    losses = charges.cumulative_losses(played, problem.terms, problem.settings.loss, problem.packed.dt)
+    losses = charges.cumulative_losses(played, problem.terms, problem.packed.dt)
     av_last, hv_last = ACCOUNTINGS[goal.accounting].charged(played.av.n, len(played.av.x) - 1)
-    av = 0.5 * (losses.av_comfort[av_last] + losses.av_efficiency[av_last])
-    each = 0.5 * (losses.hv_comfort[:, hv_last] + losses.hv_efficiency[:, hv_last])
-    hv = problem.terms.weights @ each
+    av, hv = losses.av.upto(av_last).loss, losses.of_hv(problem.terms, hv_last).loss
     clearance = played.clearance_to_T
     if goal.accounting != names.PAPER:
         clearance = np.minimum(clearance, played.clearance_after_T)

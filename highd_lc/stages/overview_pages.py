@@ -19,10 +19,10 @@ from highd_lc.io import artefacts
 from highd_lc.io.atomic import whole_file
 from highd_lc.reporting import html, pages_scenarios
 from highd_lc.reporting.event import FitTrace
-from highd_lc.reporting.follower_words import LOSS_COLUMNS, believed_section, effects_of, followers_say
+from highd_lc.reporting.follower_words import LOSS_COLUMNS
 from highd_lc.reporting.follower_words import PAGE as PREDICTION_PAGE
 from highd_lc.reporting.html import TO_REPORT, TO_SCENARIOS, Crosslink
-from highd_lc.reporting.pages_data import Section, data_page, empty_page, excluded_page
+from highd_lc.reporting.pages_data import Section, believed_section, data_page, empty_page, excluded_page
 from highd_lc.reporting.pages_followers import CalibrationTables, calibration_page
 from highd_lc.reporting.pages_index import IndexTables, SummaryTables, index_page, summary_page
 from highd_lc.reporting.pages_multiverse import PAGE as MULTIVERSE_PAGE
@@ -31,18 +31,19 @@ from highd_lc.reporting.pages_population import PriceTables, StartTables, dictio
 from highd_lc.reporting.pages_prediction import PredictionTables, prediction_page
 from highd_lc.reporting.pages_studies import StudyTables, studies_page
 from highd_lc.reporting.run_words import RunTables, nothing_said, run_in_short, run_says
+from highd_lc.stages.prediction_tables import followers_believed, is_judged
 from highd_lc.stages.scenes import track_of
 from highd_lc.vocab import names
 from highd_lc.vocab.driver import PARAMETERS
 from highd_lc.vocab.sections import StatisticsSettings
 from highd_lc.vocab.settings import ValidateSettings
 from highd_lc.vocab.tables import TABLES
+from highd_lc.vocab.tables.prediction import JUDGED
 
 FloatArray = NDArray[np.float64]
 
 _KEY: Final = ["event_id", "policy", "accounting"]
 _SAFE_STEP_M: Final = 0.1
-_PREDICTION: Final = tuple(n for n in PredictionTables.__dataclass_fields__ if n != "losses")
 
 
 @dataclass(frozen=True)
@@ -97,21 +98,7 @@ def _without_events(name: str, overview: Overview) -> str:
 
 def missing_pages(work: Path) -> tuple[str, ...]:
     """The overview pages that cannot be made, because the work folder is of a run without their tables."""
-    return () if all(artefacts.path_of(work, n).is_file() for n in _PREDICTION) else (PREDICTION_PAGE,)
-
-
-def followers_believed(work: Path, model: str) -> tuple[str, ...]:
-    """How far the simulated followers of a run can be believed, in words (see ``reporting.follower_words``).
-
-    model: the default follower model.
-    """
-    losses = artefacts.read(work, "losses", columns=[*_KEY, "followers", *LOSS_COLUMNS])
-    losses = losses[losses["followers"] == model]
-    known = not missing_pages(work)
-    summary, aims = (
-        artefacts.read(work, name) if known else None for name in ("prediction_summary", "prediction_aims")
-    )
-    return followers_say(summary, effects_of(losses), aims)
+    return () if is_judged(work) else (PREDICTION_PAGE,)
 
 
 def _index(overview: Overview) -> str:
@@ -177,7 +164,7 @@ def write_multiverse(work: Path, reports: Path, settings: ValidateSettings) -> N
 
 
 def _prediction(overview: Overview) -> str:
-    return prediction_page(PredictionTables(**overview.read(*_PREDICTION), losses=overview.losses()))
+    return prediction_page(PredictionTables(**overview.read(*JUDGED), losses=overview.losses()))
 
 
 def _start(overview: Overview) -> str:

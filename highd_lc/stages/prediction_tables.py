@@ -3,8 +3,9 @@
 A model and the recorded drivers are compared over the same events; who is left out is counted.
 """
 
-from collections.abc import Hashable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from itertools import product
+from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
@@ -19,6 +20,8 @@ from highd_lc.drivers.prediction import (
     SPACINGS,
     class_labels,
 )
+from highd_lc.io import artefacts
+from highd_lc.reporting.follower_words import LOSS_COLUMNS, effects_of, followers_say
 from highd_lc.scoring.population import LEAST_CLUSTERS, cluster_interval, mean_interval_of
 from highd_lc.vocab import names
 from highd_lc.vocab.tables import TABLES
@@ -26,6 +29,7 @@ from highd_lc.vocab.tables.prediction import (
     AIMS,
     FEW_EVENTS,
     FEW_RECORDINGS,
+    JUDGED,
     OBSERVED,
     OVER_EVENTS,
     OVER_RECORDINGS,
@@ -33,6 +37,8 @@ from highd_lc.vocab.tables.prediction import (
 )
 
 FloatArray = NDArray[np.float64]
+Arrays = Mapping[str, NDArray[Any]]
+"""Columns of some rows of a table."""
 IntArray = NDArray[np.int64]
 Row = dict[str, Any]
 
@@ -83,6 +89,7 @@ _MEANS = (
     "nrmse_spacing",
     "theil_u",
 )
+_JUDGED = (*_MEANS, "paper_j", "loss_simulated", "loss_recorded", "contact", "contact_recorded")
 _ENDS = ("", "_low", "_high")
 
 
@@ -90,9 +97,13 @@ class _Stratum:
     """The events of a stratum at a horizon under every model. alone: of one recording, events are the units."""
 
     def __init__(self, part: pd.DataFrame, confidence: float, *, alone: bool) -> None:
-        self._part, self._confidence = part, confidence
-        self._errors = part.pivot_table(index="event_id", columns="model", values="error_speed_mps")
-        recordings = part.groupby("event_id")["recording_id"].first().reindex(self._errors.index).to_numpy()
+        self._models, self._confidence = dict(_by_model(part, _JUDGED)), confidence
+        event, events = pd.factorize(part["event_id"], sort=True)
+        recordings = np.empty(len(events), np.int64)
+        recordings[event] = part["recording_id"]
+        self._errors = {name: np.full(len(events), np.nan) for name in self._models}
+        for name, of in _by_model(part.assign(_event=event), ("_event", "error_speed_mps")):
+            self._errors[name][of["_event"]] = of["error_speed_mps"]
         self._units = np.arange(len(recordings)) if alone else recordings
         known = len(np.unique(self._units)) >= LEAST_CLUSTERS
         self._reason = "" if known else FEW_EVENTS if alone else FEW_RECORDINGS
@@ -100,22 +111,21 @@ class _Stratum:
 
     def rows(self) -> Iterator[Row]:
         """A row a model."""
-        absolute = self._errors.abs()
-        mean: dict[Hashable, float] = absolute.mean().to_dict()
-        naive = [name for name in names.NAIVE_MODELS if name in mean]
-        best = min(naive, key=mean.__getitem__) if naive else ""
-        for name, own in self._part.groupby("model", sort=False):
-            about = {"model": name, "n_events": len(absolute), "best_naive": best}
+        absolute = {name: np.abs(error) for name, error in self._errors.items()}
+        naive = [name for name in names.NAIVE_MODELS if name in absolute]
+        best = min(naive, key=lambda name: _mean(absolute[name])) if naive else ""
+        for name, own in self._models.items():
+            about = {"model": name, "n_events": len(self._units), "best_naive": best}
             about |= {"interval": self._over, "reason": self._reason}
             yield about | self._errors_of(name, absolute, best) | _motion(own)
 
-    def _errors_of(self, name: Hashable, absolute: pd.DataFrame, best: str) -> Row:
-        error, size = self._errors[name].to_numpy(), absolute[name].to_numpy()
+    def _errors_of(self, name: str, absolute: Mapping[str, FloatArray], best: str) -> Row:
+        error, size = self._errors[name], absolute[name]
         row = self._ratio("bias", error, np.ones(len(error))) | self._ratio("mae", size, np.ones(len(size)))
         squares = self._ratio("rmse", error**2, np.ones(len(error)))
         row |= {key: float(np.sqrt(max(v, 0.0))) if v == v else np.nan for key, v in squares.items()}
         for column, reference in (("skill_constant", names.CONSTANT_SPEED), ("skill_naive", best)):
-            against = absolute[reference].to_numpy() if reference in absolute else np.zeros(len(size))
+            against = absolute[reference] if reference in absolute else np.zeros(len(size))
             value, low, high = self._ratio(column, size, against).values()
             row |= dict(zip((column + end for end in _ENDS), (1.0 - value, 1.0 - high, 1.0 - low), strict=True))
         return row
@@ -129,16 +139,39 @@ class _Stratum:
         return {name: float(values.sum()) / total, f"{name}_low": low, f"{name}_high": high}
 
 
-def _motion(own: pd.DataFrame) -> Row:
+def _motion(own: Arrays) -> Row:
     """Means of a model's motion over the events without its contacts, and the contacts, also the recorded ones."""
-    usable = own[~own["contact"].to_numpy(bool)]
-    row: Row = {name: float(usable[name].mean()) for name in _MEANS}
+    usable = ~own["contact"].astype(bool)
+    row: Row = {name: _mean(own[name][usable]) for name in _MEANS}
     # A driver that hardly accelerates has a J of any size: the middle one is told.
-    row["paper_j"] = float(usable["paper_j"].median())
-    row["loss_error"] = float((usable["loss_simulated"] - usable["loss_recorded"]).abs().mean())
-    row["contacts"] = len(own) - len(usable)
+    row["paper_j"] = _quantile(own["paper_j"][usable], 0.5)
+    row["loss_error"] = _mean(np.abs(own["loss_simulated"] - own["loss_recorded"])[usable])
+    row["contacts"] = int((~usable).sum())
     row["contacts_recorded"] = int(own["contact_recorded"].sum())
     return row
+
+
+def _by_model(part: pd.DataFrame, columns: Iterable[str]) -> Iterator[tuple[str, Arrays]]:
+    """Columns of a table's rows of each model, in the order in which the models first stand there."""
+    values = {name: part[name].to_numpy() for name in columns}
+    code, models = pd.factorize(part["model"])
+    for k, model in enumerate(models):
+        yield str(model), {name: column[code == k] for name, column in values.items()}
+
+
+def _mean(values: FloatArray) -> float:
+    """Mean of what is known, NaN of nothing."""
+    known = values[~np.isnan(values)]
+    return float(known.mean()) if len(known) else np.nan
+
+
+def _quantile(values: FloatArray, share: float) -> float:
+    """Quantile of what is known, NaN of nothing."""
+    known = values[~np.isnan(values)]
+    return float(np.quantile(known, share)) if len(known) else np.nan
+
+
+_CHANGE_AND_PEAK: Final = (("change", "_mps"), ("peak_decel", ""))
 
 
 def dose_response(table: pd.DataFrame) -> pd.DataFrame:
@@ -154,31 +187,36 @@ def dose_response(table: pd.DataFrame) -> pd.DataFrame:
     keys = [_classes(first["spacing_m"], SPACINGS), _classes(first["closing_mps"], CLOSINGS), first["horizon_s"]]
     for key, part in first.groupby(keys):
         about = dict(zip(("spacing", "closing", "horizon_s"), key, strict=True))
-        rows.append(about | {"model": RECORDED, "left_out": 0} | _dose(part.drop_duplicates("event_id"), RECORDED))
-        rows += [about | {"model": name} | _compared(own) for name, own in part.groupby("model", sort=False)]
+        once = {name: part.drop_duplicates("event_id")[name].to_numpy() for name in _DOSES}
+        rows.append(about | {"model": RECORDED, "left_out": 0} | _dose(once, RECORDED))
+        rows += [about | {"model": name} | _compared(own) for name, own in _by_model(part, (*_DOSES, "contact"))]
     frame = pd.DataFrame(rows, columns=columns)
     return frame.sort_values(["model", "spacing", "closing", "horizon_s"], ignore_index=True)
 
 
-def _compared(own: pd.DataFrame) -> Row:
+def _compared(own: Arrays) -> Row:
     """A model's answer beside the recorded one of the same events."""
-    usable = own[~own["contact"].to_numpy(bool)]
+    usable = {name: values[~own["contact"].astype(bool)] for name, values in own.items()}
     row, recorded = _dose(usable, "simulated"), _dose(usable, RECORDED)
     row |= {f"{name}_recorded": recorded[name] for name in ("change", "sd", "peak_decel")}
-    row["left_out"] = len(own) - len(usable)
-    band = recorded["sd"] / np.sqrt(max(len(usable), 1))
-    known = len(usable) >= LEAST_IN_CLASS
+    row["left_out"] = int(own["contact"].sum())
+    band = recorded["sd"] / np.sqrt(max(row["n_events"], 1))
+    known = row["n_events"] >= LEAST_IN_CLASS
     return row | {"within": bool(abs(row["change"] - recorded["change"]) <= band) if known else None}
 
 
-def _dose(events: pd.DataFrame, who: str) -> dict[str, float]:
-    change, peak = events[f"change_{who}_mps"], events[f"peak_decel_{who}"]
+_DOSES: Final = tuple(f"{name}_{who}{unit}" for who in ("simulated", RECORDED) for name, unit in _CHANGE_AND_PEAK)
+
+
+def _dose(events: Arrays, who: str) -> dict[str, float]:
+    change, peak = (events[f"{name}_{who}{unit}"] for name, unit in _CHANGE_AND_PEAK)
+    known = change[~np.isnan(change)]
     return {
-        "n_events": len(events),
-        "change": float(change.mean()),
-        "sd": float(change.std(ddof=1)) if len(change) > 1 else np.nan,
-        "peak_decel": float(peak.mean()),
-        "peak_decel_95": float(peak.quantile(0.95)),
+        "n_events": len(change),
+        "change": _mean(change),
+        "sd": float(known.std(ddof=1)) if len(known) > 1 else np.nan,
+        "peak_decel": _mean(peak),
+        "peak_decel_95": _quantile(peak, 0.95),
     }
 
 
@@ -298,3 +336,22 @@ def _aim(
     met = not (value < low or value > high) if known else None
     row: Row = {"aim": name, "horizon_s": horizon, "value": value, "low": low, "high": high, "n": n}
     return row | {"met": met, "reason": "" if known else reason, "interval": "", "observed": np.nan}
+
+
+def is_judged(work: Path) -> bool:
+    """Whether a work folder holds the tables that say how well its followers are predicted."""
+    return all(artefacts.path_of(work, name).is_file() for name in JUDGED)
+
+
+def followers_believed(work: Path, model: str) -> tuple[str, ...]:
+    """How far the simulated followers of a run can be believed, in words (see ``reporting.follower_words``).
+
+    model: the default follower model.
+    """
+    columns = ["event_id", "policy", "accounting", "followers", *LOSS_COLUMNS]
+    losses = artefacts.read(work, "losses", columns=columns)
+    losses, known = losses[losses["followers"] == model], is_judged(work)
+    summary, aims = (
+        artefacts.read(work, name) if known else None for name in ("prediction_summary", "prediction_aims")
+    )
+    return followers_say(summary, effects_of(losses), aims)

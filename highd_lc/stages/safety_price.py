@@ -65,7 +65,7 @@ def plan_losses(problem: PlanningProblem, plan: Plan) -> Row:
     if plan.replay is None or plan.contact:
         return {"loss_av": np.nan, "loss_hv": np.nan}
     dt, terms = problem.scene.dt, problem.terms
-    losses = charges.cumulative_losses(plan.replay, terms, problem.settings.loss, dt)
+    losses = charges.cumulative_losses(plan.replay, terms, dt)
     found = charges.losses_at(losses, plan.accounting, terms, n=plan.replay.av.n, dt=dt)
     return {name: found[name] for name in ("loss_av", "loss_hv")}
 

@@ -251,7 +251,7 @@ def loss_row(problem: PlanningProblem, plan: Plan, scores: Scores) -> Row:
         recorded = problem.scene.followers.recorded
         # Behind the recorded ego both: once it is out of view the simulated ones follow somebody else.
         both = min(charged, plan.replay.av.recorded)
-        row |= charges.recorded_loss(recorded, losses, terms, settings, last=both, dt=dt)
+        row |= charges.recorded_loss(recorded, losses, terms, last=both, dt=dt)
         if plan.contact:
             row["loss_hv_simulated"] = np.nan
         row["av_comfort_raw"] = problem.scene.driver.comfort_raw / settings.comfort_scale

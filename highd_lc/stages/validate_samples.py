@@ -24,7 +24,7 @@ from highd_lc.planning.replay import Replay
 from highd_lc.planning.starts import StartProblem, pose_starts
 from highd_lc.scoring.uncertainty import stratified_sample
 from highd_lc.stages.validate_studies import Study
-from highd_lc.tracking.plan_tracking import DrivenPlan, PlanTracker, planned_motion
+from highd_lc.tracking.plan_tracking import DrivenPlan, PlanTracker, loss_av, planned_motion
 from highd_lc.vocab import names
 from highd_lc.vocab.job import Job
 from highd_lc.vocab.sections import StudySettings
@@ -292,11 +292,11 @@ def _row(tracker: PlanTracker, driven: DrivenPlan) -> Row:
 
 def _judged(tracker: PlanTracker, driven: DrivenPlan, tracked: Replay) -> Row:
     """Planned against tracked: losses and clearance."""
-    plan, planned = driven.plan, driven.planned
+    plan, planned, terms = driven.plan, driven.planned, tracker.problem.terms
     met = contact_of(tracker.problem, plan.policy, tracked, plan.accounting)
     return {
-        "loss_av_tracked": tracker.loss_av(driven.motion).loss,
-        "loss_av_planned": tracker.loss_av(planned_motion(driven.reference)).loss,
+        "loss_av_tracked": float(loss_av(driven.motion, terms).loss),
+        "loss_av_planned": float(loss_av(planned_motion(driven.reference), terms).loss),
         "contact": met,
         "loss_hv_tracked": np.nan if met else tracker.loss_hv(plan, tracked),
         "loss_hv_planned": np.nan if plan.contact else tracker.loss_hv(plan, planned),

@@ -18,7 +18,7 @@ from highd_lc.planning.planner import Plan, PlanningProblem, contact_of, made_on
 from highd_lc.planning.pool import Goal, Pool
 from highd_lc.planning.search import search
 from highd_lc.scoring import cross_scores, uncertainty
-from highd_lc.scoring.cross_scores import Charged
+from highd_lc.scoring.cross_scores import DrawnLosses
 from highd_lc.scoring.population import Bootstrap, bootstrap_of, ratio_interval
 from highd_lc.scoring.uncertainty import (
     Cell,
@@ -86,17 +86,17 @@ class Study:
         return {(plan.policy, plan.accounting): plan for plan in self.plans if plan.policy in OPTIMAL_POLICIES}
 
     @cached_property
-    def rescored(self) -> dict[Cell, Charged]:
+    def rescored(self) -> dict[Cell, DrawnLosses]:
         """Followers' loss of each optimal plan as planned (first) and under the draws."""
         drivers = np.concatenate([self.problem.packed.parameters[None], self.draws])
         return _of_each(self.optimal, lambda plan: uncertainty.rescore(self.problem, plan, drivers))
 
     @cached_property
-    def idm(self) -> dict[Cell, Charged]:
+    def idm(self) -> dict[Cell, DrawnLosses]:
         """Followers' loss of each optimal plan that is one, if all of them are IDM drivers."""
         packed, terms = self.problem.packed, self.problem.terms
 
-        def scored(plan: Plan) -> Charged:
+        def scored(plan: Plan) -> DrawnLosses:
             assert plan.replay is not None, "asked for plans alone"
             return cross_scores.idm_followers(plan.replay.av, packed, terms, plan.replay.entry)
 
@@ -191,7 +191,7 @@ def cross_rows(
             yield row | {"scored_with": model} | losses
 
 
-def _as_planned(study: Study, cell: Cell, counterpart: Charged) -> dict[str, Row]:
+def _as_planned(study: Study, cell: Cell, counterpart: DrawnLosses) -> dict[str, Row]:
     """Losses of a plan by the drivers that planned it, by those drawn about them, and by the IDM.
 
     counterpart: followers' loss of the policy that it is compared with: a mean over draws is one over the same

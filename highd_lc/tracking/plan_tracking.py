@@ -15,7 +15,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from highd_lc.core.losses import Charge, cumulative_comfort, cumulative_efficiency
+from highd_lc.core.losses import Charge, LossTerms, charge
 from highd_lc.core.quintic import Quintic, sample
 from highd_lc.planning.planner import Plan, PlanningProblem, clearance_margins
 from highd_lc.planning.replay import AvMotion, Replay, replay
@@ -79,29 +79,17 @@ def plan_reference(plan: Quintic, dt: float) -> Reference:
     return Reference(dt, s.x, s.y, s.vx, s.vy, s.ax, s.ay)
 
 
-def loss_av(
-    motion: SampledMotion,
-    *,
-    v_ref: float,
-    comfort_scale: float,
-    efficiency_scale: float,
-    one_sided: bool = False,
-) -> Charge[float]:
-    """The AV's loss of a motion over its samples (equations 5 to 7; equations.md 4).
+def loss_av(motion: SampledMotion, terms: LossTerms) -> Charge[float]:
+    """What the AV is charged for a motion over its samples (equations 5 to 7; equations.md 4).
 
     Args:
         motion: as planned or as driven.
-        v_ref: reference speed [m/s].
-        comfort_scale: N_c [m/s^3].
-        efficiency_scale: N_e [m/s].
-        one_sided: only speeds below v_ref count.
+        terms: reference speed and scales.
 
     Returns:
         Comfort and efficiency, normalised.
     """
-    comfort = cumulative_comfort(motion.charged_jerk, scale=comfort_scale)[-1]
-    efficiency = cumulative_efficiency(motion.speed, v_ref, scale=efficiency_scale, one_sided=one_sided)[-1]
-    return Charge(float(comfort), float(efficiency))
+    return charge(motion.speed, motion.charged_jerk, terms.av_ref, terms).upto(-1)
 
 
 def violations(
@@ -216,23 +204,11 @@ class PlanTracker:
         clear = self.clearances(driven.plan, driven.replay) if driven.replay else {}
         return [*broken, *(name for name, value in clear.items() if value < 0.0)]
 
-    def loss_av(self, motion: SampledMotion) -> Charge[float]:
-        """The AV's loss of a sampled motion over 0 .. T."""
-        terms, loss = self.problem.terms, self.problem.settings.loss
-        return loss_av(
-            motion,
-            v_ref=terms.av_ref,
-            comfort_scale=loss.comfort_scale,
-            efficiency_scale=loss.efficiency_scale,
-            one_sided=terms.one_sided,
-        )
-
     def loss_hv(self, plan: Plan, played: Replay) -> float:
         """The followers' loss around a motion over the plan's accounted time."""
-        terms, loss, dt = self.problem.terms, self.problem.settings.loss, self.problem.scene.dt
-        losses = charges.cumulative_losses(played, terms, loss, dt)
+        losses = charges.cumulative_losses(played, self.problem.terms, self.problem.scene.dt)
         _, last = ACCOUNTINGS[plan.accounting].charged(played.av.n, len(played.av.x) - 1)
-        return float(0.5 * terms.weights @ (losses.hv_comfort[:, last] + losses.hv_efficiency[:, last]))
+        return losses.of_hv(self.problem.terms, last).loss
 
 
 def reference_of(problem: PlanningProblem, plan: Plan, planned: Replay) -> Reference:

@@ -37,8 +37,8 @@ def event(request):
 
 
 def losses(problem: PlanningProblem, plan: Plan) -> dict:
-    settings, dt = problem.settings.loss, problem.scene.dt
-    cumulative = charges.cumulative_losses(plan.replay, problem.terms, settings, dt)
+    dt = problem.scene.dt
+    cumulative = charges.cumulative_losses(plan.replay, problem.terms, dt)
     return charges.losses_at(cumulative, plan.accounting, problem.terms, n=plan.replay.av.n, dt=dt)
 
 

@@ -52,8 +52,8 @@ def test_every_policy_is_planned_and_charged_within_the_accounted_time(H):
     for plan in [*planner.plan_all(problem), *plan_starts(problem)]:
         if plan.replay is None:
             continue
-        losses = charges.cumulative_losses(plan.replay, problem.terms, problem.settings.loss, 0.1)
-        assert losses.av_comfort.shape == (last + 1,)
+        losses = charges.cumulative_losses(plan.replay, problem.terms, 0.1)
+        assert losses.av.comfort.shape == (last + 1,)
         row = charges.losses_at(losses, plan.accounting, problem.terms, n=plan.replay.av.n, dt=0.1)
         assert np.isfinite([row["loss_av"], row["loss_hv"]]).all()
         assert plan.replay.av.n <= last

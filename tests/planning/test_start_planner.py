@@ -139,7 +139,7 @@ def test_losses_are_those_of_a_twin_simulated_from_t_start(seed, waiting):
     for plan in plan_starts(problem):
         if plan.replay is None:
             continue
-        losses = charges.cumulative_losses(plan.replay, problem.terms, problem.settings.loss, DT)
+        losses = charges.cumulative_losses(plan.replay, problem.terms, DT)
         row = charges.losses_at(losses, plan.accounting, problem.terms, n=plan.replay.av.n, dt=DT)
         av, hv = twin_losses(problem, plan, waiting)
         assert row["loss_av"] == pytest.approx(av, rel=1e-9)
@@ -180,7 +180,7 @@ def best_plan(pools, posed, goal):
 
 
 def losses_of(plan, problem):
-    losses = charges.cumulative_losses(plan.replay, problem.terms, problem.settings.loss, DT)
+    losses = charges.cumulative_losses(plan.replay, problem.terms, DT)
     return charges.losses_at(losses, plan.accounting, problem.terms, n=plan.replay.av.n, dt=DT)
 
 

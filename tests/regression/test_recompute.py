@@ -214,7 +214,7 @@ def test_losses_of_followers_that_react_follow_from_their_models(
         models = {"follower_models": follower_models(event_id, scene.followers)}
         event = read_event(tables | models, event_id)
         for played, plan, losses in replayed(problem, event_id, plans, starts):
-            cumulative = charges.cumulative_losses(played, problem.terms, settings.loss, problem.packed.dt)
+            cumulative = charges.cumulative_losses(played, problem.terms, problem.packed.dt)
             accounting = (plan["accounting"], problem.terms)
             found = charges.losses_at(cumulative, *accounting, n=played.av.n, dt=problem.packed.dt)
             assert found["loss_hv"] == pytest.approx(losses(event, plan)["loss_hv"], rel=1e-6), plan["policy"]

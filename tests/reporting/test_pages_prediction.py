@@ -29,8 +29,7 @@ from test_pages_population import rows_of
 
 from highd_lc.reporting import figures_prediction as figures
 from highd_lc.reporting import html, labels
-from highd_lc.reporting.follower_words import believed_section
-from highd_lc.reporting.pages_data import Section
+from highd_lc.reporting.pages_data import Section, believed_section
 from highd_lc.reporting.pages_event import Links, event_page
 from highd_lc.reporting.pages_index import index_page, summary_page
 from highd_lc.reporting.pages_population import matrix_page

@@ -12,7 +12,6 @@ from highd_lc.planning.replay import plan_motion, replay
 from highd_lc.scoring import charges
 from highd_lc.vocab import names
 from highd_lc.vocab.policy import ACCOUNTINGS
-from highd_lc.vocab.sections import LossSettings
 from highd_lc.vocab.settings import ValidateSettings
 
 
@@ -27,7 +26,7 @@ def scored(request):
     problem, task = pose(scene, settings), task_of(scene, settings)
     pool = task.simulate(np.array([57]), np.array([[2.0]]), np.array([[1.0]]))
     played = replay(plan_motion(task.quintic(57, 2.0, 1.0), problem.packed), problem.packed)
-    return problem, pool, played, charges.cumulative_losses(played, problem.terms, settings.loss, 0.1)
+    return problem, pool, played, charges.cumulative_losses(played, problem.terms, 0.1)
 
 
 def test_the_scores_are_those_of_the_candidate(scored):
@@ -57,18 +56,17 @@ def test_each_accounting_charges_its_time():
 def test_recorded_followers_count_while_they_are_in_view():
     scene = random_scene(np.random.default_rng(1), p=2)
     problem = pose(scene, ValidateSettings())
-    settings = LossSettings()
     played = replay(plan_motion(task_of(scene).quintic(57, 0.0, 0.0), problem.packed), problem.packed)
-    losses = charges.cumulative_losses(played, problem.terms, settings, 0.1)
+    losses = charges.cumulative_losses(played, problem.terms, 0.1)
     # Recorded exactly as simulated, the first follower for 3 s, the second for 1 s.
     recorded = tuple(
         replace(m, v=played.v[i], a=played.a[i], observed=n)
         for i, (m, n) in enumerate(zip(scene.followers.recorded, (31, 11), strict=True))
     )
-    found = charges.recorded_loss(recorded, losses, problem.terms, settings, last=57, dt=0.1)
+    found = charges.recorded_loss(recorded, losses, problem.terms, last=57, dt=0.1)
     assert found["recorded_n_samples"] == 42
     assert found["loss_hv_recorded"] == pytest.approx(found["loss_hv_simulated"], rel=1e-12)
-    each = losses.hv_comfort + losses.hv_efficiency
+    each = losses.hv.comfort + losses.hv.efficiency
     wanted = 0.5 * (problem.terms.weights[0] * each[0, 30] + problem.terms.weights[1] * each[1, 10])
     assert found["loss_hv_recorded"] == pytest.approx(wanted)
 
@@ -77,9 +75,9 @@ def test_nobody_recorded_is_unavailable_not_zero():
     scene = random_scene(np.random.default_rng(1), p=1)
     problem = pose(scene, ValidateSettings())
     played = replay(plan_motion(task_of(scene).quintic(57, 0.0, 0.0), problem.packed), problem.packed)
-    losses = charges.cumulative_losses(played, problem.terms, LossSettings(), 0.1)
+    losses = charges.cumulative_losses(played, problem.terms, 0.1)
     unseen = (replace(scene.followers.recorded[0], observed=1),)
-    found = charges.recorded_loss(unseen, losses, problem.terms, LossSettings(), last=57, dt=0.1)
+    found = charges.recorded_loss(unseen, losses, problem.terms, last=57, dt=0.1)
     assert np.isnan(found["loss_hv_recorded"])
     assert found["recorded_n_samples"] == 0
 

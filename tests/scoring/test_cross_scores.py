@@ -3,6 +3,7 @@ import pytest
 from random_scenes import random_scene, reacting
 
 from highd_lc.core.lcm import MOTORWAY, idm_acceleration
+from highd_lc.core.losses import charge
 from highd_lc.planning import planner
 from highd_lc.planning.replay import Entry, joins
 from highd_lc.planning.start_planner import replay_start
@@ -32,7 +33,7 @@ def test_with_the_planned_parameters_the_losses_are_those_of_the_replay(seed, se
     problem, plan = posed(seed, settings)
     av, packed, terms = plan.replay.av, problem.packed, problem.terms
     same = drawn_followers(av, packed, terms, np.repeat(packed.parameters[None], 3, axis=0))
-    losses = charges.cumulative_losses(plan.replay, terms, settings.loss, packed.dt)
+    losses = charges.cumulative_losses(plan.replay, terms, packed.dt)
     for accounting, hv, own in (("paper", same.to_T, 0), ("equal", same.to_H, 1)):
         expected = charges.losses_at(losses, accounting, terms, n=av.n, dt=packed.dt)
         assert hv == pytest.approx([expected["loss_hv"]] * 3, rel=1e-9)
@@ -72,13 +73,11 @@ def plain_idm(problem: planner.PlanningProblem, plan: planner.Plan) -> tuple[flo
             a[i, k] = idm_acceleration.py_func(speeds[i], front - length - chain[i + 1][0], speed, MOTORWAY)
         speeds = np.maximum(0.0, speeds + a[:, k] * packed.dt)
         fronts = fronts + speeds * packed.dt
-    settings, terms = problem.settings.loss, problem.terms
+    terms = problem.terms
     steps = np.abs(np.diff(a, prepend=a[:, :1])) / packed.dt
     if entry.hand_over is not None:
         steps[who, entry.hand_over] = 0.0
-    comfort = np.cumsum(steps, axis=1) / settings.comfort_scale
-    both = comfort + charges.follower_efficiency(v, terms, settings)
-    loss = 0.5 * terms.weights @ both
+    loss = terms.weights @ charge(v, steps, terms.hv_ref[:, None], terms).loss
     return loss[av.n], loss[-1]
 
 
@@ -112,11 +111,11 @@ def plans_into_every_gap(seed: int, **reactions) -> tuple[planner.PlanningProble
 def test_followers_of_a_chosen_start_are_those_of_its_replay_and_of_the_idm_twin(seed):
     problem, plans = plans_into_every_gap(seed)
     assert len(plans) > 3
-    packed, terms, settings = problem.packed, problem.terms, problem.settings.loss
+    packed, terms = problem.packed, problem.terms
     for plan in plans:
         av, entry = plan.replay.av, plan.replay.entry
         same = drawn_followers(av, packed, terms, packed.parameters[None], entry)
-        losses = charges.cumulative_losses(plan.replay, terms, settings, packed.dt)
+        losses = charges.cumulative_losses(plan.replay, terms, packed.dt)
         for accounting, hv in (("paper", same.to_T), ("equal", same.to_H)):
             expected = charges.losses_at(losses, accounting, terms, n=av.n, dt=packed.dt)
             assert hv[0] == pytest.approx(expected["loss_hv"], rel=1e-9)
@@ -147,10 +146,10 @@ def test_followers_that_react_are_scored_as_they_are_replayed(family, moment):
     at_once = planner.reference_plans(problem_at_once, names.CONSTANT)[0]
     assert {plan.replay.entry.place for plan in plans} >= {1, 2}
     for posed_one, plan in [(problem, plan) for plan in plans] + [(problem_at_once, at_once)]:
-        packed, terms, settings = posed_one.packed, posed_one.terms, posed_one.settings.loss
+        packed, terms = posed_one.packed, posed_one.terms
         av, entry = plan.replay.av, plan.replay.entry
         same = drawn_followers(av, packed, terms, np.repeat(packed.parameters[None], 2, axis=0), entry)
-        losses = charges.cumulative_losses(plan.replay, terms, settings, packed.dt)
+        losses = charges.cumulative_losses(plan.replay, terms, packed.dt)
         for accounting, hv in (("paper", same.to_T), ("equal", same.to_H)):
             expected = charges.losses_at(losses, accounting, terms, n=av.n, dt=packed.dt)
             assert hv == pytest.approx([expected["loss_hv"]] * 2, rel=1e-9)

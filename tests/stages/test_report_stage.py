@@ -10,7 +10,8 @@ import pytest
 from highd_lc.io import artefacts
 from highd_lc.reporting.html import PAGES
 from highd_lc.stages import calibrate, extract, ingest, report, validate
-from highd_lc.stages.overview_pages import followers_believed, missing_pages
+from highd_lc.stages.overview_pages import missing_pages
+from highd_lc.stages.prediction_tables import followers_believed
 from highd_lc.vocab import names
 from highd_lc.vocab.errors import UsageError
 from highd_lc.vocab.job import Combination, Job, Provenance

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from tracking_plans import quintic_reference
 
-from highd_lc.core.losses import Charge
+from highd_lc.core.losses import Charge, LossTerms
 from highd_lc.core.quintic import Quintic
 from highd_lc.tracking.closed_loop import track
 from highd_lc.tracking.plan_tracking import (
@@ -17,7 +17,7 @@ from highd_lc.tracking.plan_tracking import (
 )
 from highd_lc.vocab.tracking import TrackingSettings
 
-SCALES = {"v_ref": 33.54, "comfort_scale": 8.0, "efficiency_scale": 25.0}
+TERMS = LossTerms(33.54, np.empty(0), False, comfort=0.5 / 8.0, efficiency=0.5 / 25.0, weights=np.empty(0))
 LIMITS = {"v_min": 5.0, "v_max": 30.0, "acceleration": 8.0, "jerk": 8.0}
 
 
@@ -30,7 +30,7 @@ def test_a_plans_reference_is_its_polynomials():
 
 def test_the_published_figures_of_a_plan():
     """equations.md 14: T = 4, v0 = 25, v_ref 33.54, N_e 25, D 3.5: efficiency 13.9706, comfort 6.7409."""
-    loss = loss_av(planned_motion(quintic_reference(25.0, 3.5, 4.0)), **SCALES)
+    loss = loss_av(planned_motion(quintic_reference(25.0, 3.5, 4.0)), TERMS)
     assert loss.efficiency == pytest.approx(13.9706, abs=1e-4)
     # Comfort by differences: third derivatives over 0.1 s intervals.
     assert loss.comfort == pytest.approx(6.7409, rel=0.01)
@@ -48,15 +48,15 @@ def test_differences_converge_to_the_polynomials_jerk():
 
 def test_a_steady_motion_costs_efficiency_only():
     motion = SampledMotion(0.1, np.tile([30.0, 0.0], (11, 1)))
-    assert loss_av(motion, **SCALES) == Charge(0.0, pytest.approx(11 * 3.54 / 25.0))
-    assert loss_av(motion, **(SCALES | {"v_ref": 20.0}), one_sided=True).efficiency == 0.0
+    assert loss_av(motion, TERMS) == Charge(0.0, pytest.approx(11 * 3.54 / 25.0))
+    assert loss_av(motion, TERMS._replace(av_ref=20.0, one_sided=True)).efficiency == 0.0
 
 
 def test_tracked_motion_of_a_nominal_plan_costs_what_the_plan_costs():
     reference = quintic_reference(25.0, 3.5, 5.5, v_end=27.0)
     result = track(reference, wheelbase=2.7, settings=TrackingSettings())
-    tracked = loss_av(tracked_motion(result), **SCALES)
-    planned = loss_av(planned_motion(reference), **SCALES)
+    tracked = loss_av(tracked_motion(result), TERMS)
+    planned = loss_av(planned_motion(reference), TERMS)
     assert tracked.efficiency == pytest.approx(planned.efficiency, rel=0.01)
     assert tracked.comfort == pytest.approx(planned.comfort, rel=0.1)
 

@@ -302,6 +302,14 @@ TRAJECTORIES = Table(
     ),
 )
 
+JUDGED: Final = tuple(
+    table.name
+    for table in (
+        PREDICTION, PREDICTION_SUMMARY, PREDICTION_AIMS, DOSE_RESPONSE, EXTERNALITY, EXTERNALITY_BALANCE,
+    )
+)  # fmt: skip
+"""Tables that say how well followers are predicted: a run of before there were such has none of them."""
+
 PREDICTION_TABLES: Final = (
     RESPONSES,
     CONTROLS,
