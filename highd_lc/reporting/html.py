@@ -215,10 +215,12 @@ def inline_svg(figure: Figure, alternative: str) -> Markup:
 
     alternative: what the figure shows, in words.
     """
-    sink = io.StringIO()
+    sink, canvas = io.StringIO(), FigureCanvasSVG(figure)
     with matplotlib.rc_context({"svg.fonttype": "none", "svg.hashsalt": "highd_lc"}):
         _lay_out(figure)
-        figure.savefig(sink, format="svg", transparent=True, metadata=_NO_METADATA)
+        for one in (figure, *figure.axes):
+            one.patch.set(facecolor="none", edgecolor="none")
+        canvas.print_svg(sink, metadata=_NO_METADATA)
     text = sink.getvalue()
     text = text[text.index("<svg") :]
     for colour, variable in _theme_colours().items():
@@ -229,12 +231,12 @@ def inline_svg(figure: Figure, alternative: str) -> Markup:
 
 def _lay_out(figure: Figure) -> None:
     """Place a figure's axes once and for all: ``savefig`` would draw everything for it, only to draw it again."""
-    engine = figure.get_layout_engine()
+    engine, dpi = figure.get_layout_engine(), figure.dpi
     if engine is not None:
-        FigureCanvasSVG(figure)
         figure.dpi = 72  # which the format is made for, whatever is asked for
         engine.execute(figure)
         figure.set_layout_engine("none")
+        figure.dpi = dpi  # that of images inside
 
 
 @cache

@@ -39,6 +39,11 @@ class Place:
     def reports(self) -> Path:
         return self.root / "reports"
 
+    def copied(self, root: Path, *, data: Path | None = None) -> "Place":
+        """A copy that may be changed, of a finished run, with the same settings."""
+        shutil.copytree(self.root, root)
+        return Place(root, data or self.data, self.options)
+
     def arguments(self, *more: str, stage: str = "run") -> list[str]:
         folders = ["--data", self.data, "--work", self.work, "--reports", self.reports]
         return ["highd-lc", stage, *map(str, folders), *self.options, *more]
