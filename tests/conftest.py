@@ -7,7 +7,7 @@ from functools import partial
 import pytest
 from hypothesis import settings as hypothesis_settings
 from markupsafe import Markup
-from shared_runs import PipelineRun, T, made_once, run
+from shared_runs import QUICK, PipelineRun, T, made_once, run
 
 from highd_lc.io import settings as settings_file
 from highd_lc.reporting import html
@@ -18,6 +18,29 @@ hypothesis_settings.register_profile("repeatable", deadline=None, derandomize=Tr
 hypothesis_settings.load_profile("repeatable")
 
 
+_LONGEST = (
+    "faults/test_workers", "regression/test_recompute", "stages/test_validate_studies", "faults/test_no_events",
+    "faults/test_cluster", "faults/test_storage", "faults/test_resume", "stages/test_crosslinks",
+    "faults/test_streams", "stages/test_report_stage", "faults/test_stages_asked_for", "stages/test_own_model",
+    "stages/test_report_command", "drivers/test_genetic", "stages/test_extract", "reporting/test_browser",
+    "planning/test_safety", "stages/test_sumo", "api/test_door", "commands/test_multiverse_command",
+    "stages/test_multiverse",
+)  # fmt: skip
+"""Files of tests that take longest: begun first, none of them is waited for at the end."""
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Have several processes take the files in the order of the collection, not by their numbers of tests."""
+    if hasattr(config.option, "loadscopereorder"):
+        config.option.loadscopereorder = False
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """The longest files first, the others as they were."""
+    place = {f"tests/{name}.py": number for number, name in enumerate(_LONGEST)}
+    items.sort(key=lambda item: place.get(item.nodeid.partition("::")[0], len(place)))
+
+
 def small_studies(settings: Settings) -> Settings:
     """The settings with one event to study, for the studies have tests of their own, and every start chosen."""
     values = settings.model_dump(by_alias=True)
@@ -25,7 +48,7 @@ def small_studies(settings: Settings) -> Settings:
     few |= {"draws": 2, "replans": 1, "population": 8, "generations": 2, "horizons_s": (5.0,)}
     few |= {"multibody_sample": 1, "safety_sample": 4}
     values["validate"]["studies"] |= few
-    values["validate"]["multiverse"]["sample"] = 2
+    values["validate"]["multiverse"]["sample"] = values["validate"]["robust"]["sample"] = 2
     return Settings.model_validate(values)
 
 
@@ -41,6 +64,12 @@ def pipeline_run(once: Callable[..., PipelineRun]) -> PipelineRun:
     """The default study on the fixtures, every stage; its studies on a single event."""
     settings = small_studies(settings_file.load(settings_file.find_pipeline("highd")))
     return once("pipeline", partial(run, settings=settings))
+
+
+@pytest.fixture(scope="session")
+def quick_run(once: Callable[..., PipelineRun]) -> PipelineRun:
+    """The pipeline of the fault tests on the fixtures: every stage, with less to do."""
+    return once("quick", partial(run, settings=settings_file.load(QUICK)))
 
 
 @pytest.fixture

@@ -218,8 +218,8 @@ def inline_svg(figure: Figure, alternative: str) -> Markup:
     sink, canvas = io.StringIO(), FigureCanvasSVG(figure)
     with matplotlib.rc_context({"svg.fonttype": "none", "svg.hashsalt": "highd_lc"}):
         _lay_out(figure)
-        for one in (figure, *figure.axes):
-            one.patch.set(facecolor="none", edgecolor="none")
+        for ground in (figure.patch, *(axes.patch for axes in figure.axes)):
+            ground.set(facecolor="none", edgecolor="none")
         canvas.print_svg(sink, metadata=_NO_METADATA)
     text = sink.getvalue()
     text = text[text.index("<svg") :]

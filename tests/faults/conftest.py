@@ -1,18 +1,9 @@
-from collections.abc import Callable
-from pathlib import Path
-
 import pytest
-from faulty_runs import Place, run
-
-
-def _made(root: Path) -> Place:
-    place = Place(root)
-    code, said = run(place, "--workers", "1")
-    assert code == 0, said
-    return place
+from faulty_runs import Place
+from shared_runs import PipelineRun
 
 
 @pytest.fixture(scope="session")
-def undisturbed(once: Callable[..., Place]) -> Place:
+def undisturbed(quick_run: PipelineRun) -> Place:
     """A run that nothing happened to, with one worker: read only, in several processes at once."""
-    return once("undisturbed", _made)
+    return Place(quick_run.work.parent)

@@ -12,8 +12,8 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 
-FIXTURES = Path(__file__).parents[1] / "fixtures"
-QUICK = Path(__file__).with_name("quick.toml")
+from shared_runs import FIXTURES, QUICK
+
 _OF_THE_MACHINE = {"run.log", "inputs.json", "lock"}
 """Files with times and places in them: no artefacts."""
 

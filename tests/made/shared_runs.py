@@ -15,7 +15,8 @@ from highd_lc import engine
 from highd_lc.vocab.job import Options, Outcome
 from highd_lc.vocab.settings import Settings
 
-FIXTURES = Path(__file__).parents[1] / "fixtures"
+TESTS = Path(__file__).parents[1]
+FIXTURES, QUICK = TESTS / "fixtures", TESTS / "faults" / "quick.toml"
 T = TypeVar("T")
 
 
