@@ -1,34 +1,44 @@
 """What several test modules share: one run of the whole pipeline on the fixtures, and how hypothesis searches."""
 
-import io
-from dataclasses import dataclass
-from pathlib import Path
+import os
+from collections.abc import Callable
+from functools import partial
 
 import pytest
 from hypothesis import settings as hypothesis_settings
-from rich.console import Console
+from markupsafe import Markup
+from shared_runs import QUICK, PipelineRun, T, made_once, run
 
-from highd_lc import engine
 from highd_lc.io import settings as settings_file
-from highd_lc.vocab.job import Options, Outcome
+from highd_lc.reporting import html
 from highd_lc.vocab.settings import Settings
-
-FIXTURES = Path(__file__).parent / "fixtures"
 
 # The first example of a property may compile kernels; the same examples every time keep a red test red.
 hypothesis_settings.register_profile("repeatable", deadline=None, derandomize=True)
 hypothesis_settings.load_profile("repeatable")
 
 
-@dataclass(frozen=True)
-class PipelineRun:
-    """A finished run: read only, several tests look at it."""
+_LONGEST = (
+    "faults/test_workers", "regression/test_recompute", "stages/test_validate_studies", "faults/test_no_events",
+    "faults/test_cluster", "faults/test_storage", "faults/test_resume", "stages/test_crosslinks",
+    "faults/test_streams", "stages/test_report_stage", "faults/test_stages_asked_for", "stages/test_own_model",
+    "stages/test_report_command", "drivers/test_genetic", "stages/test_extract", "reporting/test_browser",
+    "planning/test_safety", "stages/test_sumo", "api/test_door", "commands/test_multiverse_command",
+    "stages/test_multiverse",
+)  # fmt: skip
+"""Files of tests that take longest: begun first, none of them is waited for at the end."""
 
-    data: Path
-    work: Path
-    reports: Path
-    settings: Settings
-    outcome: Outcome
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Have several processes take the files in the order of the collection, not by their numbers of tests."""
+    if hasattr(config.option, "loadscopereorder"):
+        config.option.loadscopereorder = False
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """The longest files first, the others as they were."""
+    place = {f"tests/{name}.py": number for number, name in enumerate(_LONGEST)}
+    items.sort(key=lambda item: place.get(item.nodeid.partition("::")[0], len(place)))
 
 
 def small_studies(settings: Settings) -> Settings:
@@ -38,15 +48,32 @@ def small_studies(settings: Settings) -> Settings:
     few |= {"draws": 2, "replans": 1, "population": 8, "generations": 2, "horizons_s": (5.0,)}
     few |= {"multibody_sample": 1, "safety_sample": 4}
     values["validate"]["studies"] |= few
-    values["validate"]["multiverse"]["sample"] = 2
+    values["validate"]["multiverse"]["sample"] = values["validate"]["robust"]["sample"] = 2
     return Settings.model_validate(values)
 
 
 @pytest.fixture(scope="session")
-def pipeline_run(tmp_path_factory: pytest.TempPathFactory) -> PipelineRun:
-    """The default study on the fixtures, every stage, in this process; its studies on a single event."""
-    root = tmp_path_factory.mktemp("pipeline")
+def once(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., T]:
+    """``shared_runs.made_once`` below a folder that all processes of the tests share."""
+    own = tmp_path_factory.getbasetemp()
+    return partial(made_once, own.parent if "PYTEST_XDIST_WORKER" in os.environ else own)
+
+
+@pytest.fixture(scope="session")
+def pipeline_run(once: Callable[..., PipelineRun]) -> PipelineRun:
+    """The default study on the fixtures, every stage; its studies on a single event."""
     settings = small_studies(settings_file.load(settings_file.find_pipeline("highd")))
-    options = Options(FIXTURES, root / "work", root / "reports", workers=1)
-    outcome = engine.run(settings, options, last="report", console=Console(file=io.StringIO()))
-    return PipelineRun(FIXTURES, options.work, options.reports, settings, outcome)
+    return once("pipeline", partial(run, settings=settings))
+
+
+@pytest.fixture(scope="session")
+def quick_run(once: Callable[..., PipelineRun]) -> PipelineRun:
+    """The pipeline of the fault tests on the fixtures: every stage, with less to do."""
+    return once("quick", partial(run, settings=settings_file.load(QUICK)))
+
+
+@pytest.fixture
+def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Figures on pages stay empty, for tests of what else is there: most of a report's time is their drawing."""
+    empty = Markup('<svg role="img" aria-label="{}"></svg>')
+    monkeypatch.setattr(html, "inline_svg", lambda figure, alternative: empty.format(alternative))

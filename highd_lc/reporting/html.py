@@ -218,11 +218,14 @@ def inline_svg(figure: "Figure", alternative: str) -> Markup:
     alternative: what the figure shows, in words.
     """
     import matplotlib
+    from matplotlib.backends.backend_svg import FigureCanvasSVG
 
-    sink = io.StringIO()
+    sink, canvas = io.StringIO(), FigureCanvasSVG(figure)
     with matplotlib.rc_context({"svg.fonttype": "none", "svg.hashsalt": "highd_lc"}):
         _lay_out(figure)
-        figure.savefig(sink, format="svg", transparent=True, metadata=_NO_METADATA)
+        for ground in (figure.patch, *(axes.patch for axes in figure.axes)):
+            ground.set(facecolor="none", edgecolor="none")
+        canvas.print_svg(sink, metadata=_NO_METADATA)
     text = sink.getvalue()
     text = text[text.index("<svg") :]
     for colour, variable in _theme_colours().items():
@@ -233,14 +236,12 @@ def inline_svg(figure: "Figure", alternative: str) -> Markup:
 
 def _lay_out(figure: "Figure") -> None:
     """Place a figure's axes once and for all: ``savefig`` would draw everything for it, only to draw it again."""
-    from matplotlib.backends.backend_svg import FigureCanvasSVG
-
-    engine = figure.get_layout_engine()
+    engine, dpi = figure.get_layout_engine(), figure.dpi
     if engine is not None:
-        FigureCanvasSVG(figure)
         figure.dpi = 72  # which the format is made for, whatever is asked for
         engine.execute(figure)
         figure.set_layout_engine("none")
+        figure.dpi = dpi  # that of images inside
 
 
 @cache

@@ -205,6 +205,5 @@ _NUMBERS: Final = (
 
 def _gain(losses: PolicyLosses, events: pd.DataFrame, settings: ValidateSettings, *, seed: int) -> Row:
     """The numbers of the validation matrix's cell over these events."""
-    matrix = validation_matrix(events, losses, settings.statistics, seed=seed)
-    cell = matrix[matrix["stratum"] == "all"].iloc[0]
+    cell = validation_matrix(events, losses, settings.statistics, seed=seed, divided=False).iloc[0]
     return {name: cell[name] for name in _NUMBERS}

@@ -202,16 +202,17 @@ def seen(events: pd.DataFrame) -> dict[str, float]:
 
 
 def validation_matrix(
-    events: pd.DataFrame, losses: PolicyLosses, settings: StatisticsSettings, *, seed: int
+    events: pd.DataFrame, losses: PolicyLosses, settings: StatisticsSettings, *, seed: int, divided: bool = True
 ) -> pd.DataFrame:
     """Gain of the local optimum over the benchmark in every cell: form x accounting x stratum.
 
+    divided: whether there are cells of strata beside those of all events.
     events: see ``strata``, indexed by event_id. Events without a feasible plan of either policy count in n_events
     and infeasible, not in the totals; events that could not be planned at all (listed as problems of the run), or
     whose start was not chosen, count nowhere.
     """
     bootstrap = bootstrap_of(settings, seed=seed)
-    members = strata(events)
+    members = strata(events) if divided else {"all": pd.Series(True, events.index)}
     rows = []
     for form, (benchmark, local) in (PAIRS | ROBUST_PAIRS).items():
         for accounting in names.ACCOUNTINGS:

@@ -2,14 +2,13 @@
 
 import json
 import sys
-from pathlib import Path
 
 import pytest
+from shared_runs import FIXTURES, QUICK, copied
 from typer.testing import CliRunner
 
 from highd_lc import cli
 
-TESTS = Path(__file__).parents[1]
 CHOICES = """
 [[choices]]
 name = "H"
@@ -24,13 +23,14 @@ values = ["sum"]
 
 
 @pytest.fixture(scope="module")
-def place(tmp_path_factory):
-    """The command's options; a run is made by whoever comes first."""
+def place(quick_run, tmp_path_factory):
+    """The command's options on a copy of a finished run that has no page yet."""
     root = tmp_path_factory.mktemp("multiverse")
+    copied(quick_run, root, reports=False)
     (root / "mine.toml").write_text(CHOICES)
     (root / "bad.toml").write_text(CHOICES.replace("8.0", "1.0"))
-    folders = ["--data", TESTS / "fixtures", "--work", root / "work", "--reports", root / "reports"]
-    pipeline = ["--pipeline", TESTS / "faults" / "quick.toml", "--workers", 1]
+    folders = ["--data", FIXTURES, "--work", root / "work", "--reports", root / "reports"]
+    pipeline = ["--pipeline", QUICK, "--workers", 1]
     return root, ["multiverse", *map(str, [*folders, *pipeline])]
 
 
@@ -75,7 +75,7 @@ def test_nothing_asked_for_is_said(place):
 )
 def test_a_bad_choice_ends_with_2_before_anything_runs(place, tmp_path, monkeypatch, capsys, choices, words):
     root, _ = place
-    options = ["--data", TESTS / "fixtures", "--work", tmp_path / "work", "--choices", root / choices]
+    options = ["--data", FIXTURES, "--work", tmp_path / "work", "--choices", root / choices]
     monkeypatch.setattr(sys, "argv", ["highd-lc", "multiverse", *map(str, options)])
     with pytest.raises(SystemExit) as ended:
         cli.main()

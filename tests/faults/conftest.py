@@ -1,11 +1,9 @@
 import pytest
-from faulty_runs import Place, run
+from faulty_runs import Place
+from shared_runs import PipelineRun
 
 
 @pytest.fixture(scope="session")
-def undisturbed(tmp_path_factory: pytest.TempPathFactory) -> Place:
-    """A run that nothing happened to, with one worker."""
-    place = Place(tmp_path_factory.mktemp("undisturbed"))
-    code, said = run(place, "--workers", "1")
-    assert code == 0, said
-    return place
+def undisturbed(quick_run: PipelineRun) -> Place:
+    """A run that nothing happened to, with one worker: read only, in several processes at once."""
+    return Place(quick_run.work.parent)

@@ -12,7 +12,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
-from faulty_runs import FIXTURES
+from shared_runs import FIXTURES
 
 KINDS = ("tracks", "tracksMeta", "recordingMeta")
 REFUSED, TOLD, KEPT = "refused", "told", "kept"

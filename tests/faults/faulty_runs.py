@@ -12,8 +12,8 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 
-FIXTURES = Path(__file__).parents[1] / "fixtures"
-QUICK = Path(__file__).with_name("quick.toml")
+from shared_runs import FIXTURES, QUICK
+
 _OF_THE_MACHINE = {"run.log", "inputs.json", "lock"}
 """Files with times and places in them: no artefacts."""
 
@@ -38,6 +38,11 @@ class Place:
     @property
     def reports(self) -> Path:
         return self.root / "reports"
+
+    def copied(self, root: Path, *, data: Path | None = None) -> "Place":
+        """A copy that may be changed, of a finished run, with the same settings."""
+        shutil.copytree(self.root, root)
+        return Place(root, data or self.data, self.options)
 
     def arguments(self, *more: str, stage: str = "run") -> list[str]:
         folders = ["--data", self.data, "--work", self.work, "--reports", self.reports]

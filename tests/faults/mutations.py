@@ -5,7 +5,7 @@ import random
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
-from faulty_runs import FIXTURES
+from shared_runs import FIXTURES
 
 Files = dict[str, bytes | None]
 """Content by name, None = no such file; a recording is 01_recordingMeta.csv, 01_tracksMeta.csv, 01_tracks.csv."""

@@ -9,8 +9,9 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from faulty_runs import Place, Run, contents, run
+from faulty_runs import Place, Run, contents
 
+from highd_lc import cli, execution
 from highd_lc.execution import Cluster, on_worker
 from highd_lc.vocab.errors import ClusterError
 
@@ -32,15 +33,16 @@ def _address(log: Path) -> str:
     raise TimeoutError(log.read_text(errors="replace"))
 
 
-@pytest.fixture
-def cluster(tmp_path: Path) -> Iterator[tuple[str, list[subprocess.Popen[bytes]]]]:
+@pytest.fixture(scope="module")
+def cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[str, list[subprocess.Popen[bytes]]]]:
     """Address of a scheduler on loopback, and its two workers."""
-    log = tmp_path / "scheduler.txt"
+    folder = tmp_path_factory.mktemp("cluster")
+    log = folder / "scheduler.txt"
     processes = [_dask("dask_scheduler", "--host", "127.0.0.1", "--port", "0", "--no-dashboard", log=log)]
     try:
         address = _address(log)
-        options = ("--nthreads", "1", "--no-nanny", "--no-dashboard", "--local-directory", str(tmp_path / "dask"))
-        workers = [_dask("dask_worker", address, *options, log=tmp_path / f"worker-{n}.txt") for n in (1, 2)]
+        options = ("--nthreads", "1", "--no-nanny", "--no-dashboard", "--local-directory", str(folder / "dask"))
+        workers = [_dask("dask_worker", address, *options, log=folder / f"worker-{n}.txt") for n in (1, 2)]
         processes += workers
         _wait_for(2, address)
         yield address, workers
@@ -55,6 +57,11 @@ def _wait_for(workers: int, address: str) -> None:
 
     with Client(address, set_as_default=False) as client:
         client.wait_for_workers(workers, timeout=120)
+
+
+def test_a_worker_with_other_surroundings_is_refused(cluster: tuple[str, list[subprocess.Popen[bytes]]]) -> None:
+    with pytest.raises(ClusterError, match=r"worker tcp://127.0.0.1:.* is of no use"):
+        Cluster(cluster[0], probe=_process)
 
 
 def test_a_cluster_that_loses_a_worker_makes_the_same_artefacts(
@@ -74,16 +81,17 @@ def test_a_cluster_that_loses_a_worker_makes_the_same_artefacts(
     assert contents(place) == contents(undisturbed)
 
 
-def test_a_scheduler_that_is_not_there_is_named_in_one_line(tmp_path: Path) -> None:
-    code, said = run(Place(tmp_path), "--scheduler", _NOWHERE)
-    assert code == 2
+def test_a_scheduler_that_is_not_there_is_named_in_one_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(execution, "_CONNECT_SECONDS", 1)
+    monkeypatch.setattr(sys, "argv", Place(tmp_path).arguments("--scheduler", _NOWHERE))
+    with pytest.raises(SystemExit) as ended:
+        cli.main()
+    said = capsys.readouterr().err
+    assert ended.value.code == 2
     assert said.startswith(f"highd-lc: --scheduler {_NOWHERE}: no Dask scheduler answers there")
     assert len(said.splitlines()) == 1
-
-
-def test_a_worker_with_other_surroundings_is_refused(cluster: tuple[str, list[subprocess.Popen[bytes]]]) -> None:
-    with pytest.raises(ClusterError, match=r"worker tcp://127.0.0.1:.* is of no use"):
-        Cluster(cluster[0], probe=_process)
 
 
 def test_a_worker_that_joins_later_is_asked_too() -> None:

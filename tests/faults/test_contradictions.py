@@ -7,7 +7,8 @@ import numpy as np
 import pandas as pd
 import pytest
 from contradictions import KEPT, REFUSED, TOLD, Fault, faults, tables, write
-from faulty_runs import FIXTURES, Place, copy_of_fixtures, run
+from faulty_runs import Place, copy_of_fixtures, run
+from shared_runs import FIXTURES
 
 from highd_lc.io import artefacts
 from highd_lc.stages import extract, ingest

@@ -5,8 +5,9 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from faulty_runs import FIXTURES, QUICK, Place, run
+from faulty_runs import Place, run
 from rich.console import Console
+from shared_runs import FIXTURES, QUICK
 
 from highd_lc import engine
 from highd_lc.io import settings

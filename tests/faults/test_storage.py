@@ -3,7 +3,6 @@
 import errno
 import fcntl
 import os
-import shutil
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -68,9 +67,9 @@ def test_a_folder_that_cannot_be_written_is_named(tmp_path: Path) -> None:
 
 
 def test_reports_that_cannot_be_written_are_named(undisturbed: Place, tmp_path: Path) -> None:
-    shutil.copytree(undisturbed.root, tmp_path / "run")
+    place = undisturbed.copied(tmp_path / "run")
     with _mounted(tmp_path / "still", "ro") as still:
-        code, said = run(Place(tmp_path / "run"), "--reports", str(still), "--workers", "1")
+        code, said = run(place, "--reports", str(still), "--workers", "1")
     assert code == 2
     assert f"highd-lc: {still}" in said
     assert "Read-only file system" in said
@@ -123,8 +122,7 @@ def test_a_recording_that_vanishes_during_the_run_is_listed(
 
 
 def test_a_recording_that_is_gone_takes_its_results_with_it(undisturbed: Place, tmp_path: Path) -> None:
-    shutil.copytree(undisturbed.root, tmp_path / "run")
-    place = Place(tmp_path / "run", data=copy_of_fixtures(tmp_path / "data"))
+    place = undisturbed.copied(tmp_path / "run", data=copy_of_fixtures(tmp_path / "data"))
     for path in place.data.glob("01_*"):
         path.unlink()
     code, said = run(place, "--workers", "1")

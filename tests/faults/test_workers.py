@@ -12,8 +12,9 @@ from functools import partial
 from pathlib import Path
 
 import pytest
-from faulty_runs import QUICK, Place, contents, descendants, run
+from faulty_runs import Place, contents, descendants, run
 from rich.console import Console
+from shared_runs import QUICK
 
 from highd_lc import engine, execution
 from highd_lc.execution import InProcess, LocalProcesses

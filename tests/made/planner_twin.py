@@ -71,6 +71,18 @@ def evaluate(
     return Outcomes(*(column.reshape(shape) for column in (av_T, av_H, hv_T, hv_H, contact, role, unsafe)))
 
 
+def unsafe(
+    n: IntArray, delta: FloatArray, change: FloatArray, scene: PackedScene, terms: LossTerms
+) -> NDArray[np.int64]:
+    """``evaluate``'s column of that name alone, which asks for the first follower only."""
+    shape = delta.shape
+    n = np.repeat(n, shape[1])
+    x, vx, *_ = _av(n, delta.ravel(), change.ravel(), scene, terms)
+    front = x + scene.length / 2
+    first_front, first_v, _ = next(_chain(n, front, vx, scene))
+    return unsafe_codes(n, (front, vx), (first_front, first_v), scene).reshape(shape)
+
+
 def unsafe_codes(n: IntArray, av: tuple, follower: tuple, scene: PackedScene) -> IntArray:
     """1 + index in ``limits.SAFETY`` of the first constraint that each candidate breaks, 0 for none.
 
@@ -152,11 +164,21 @@ def _followers(n: IntArray, front: FloatArray, vx: FloatArray, scene: PackedScen
     """The followers' losses to T and to H, their box centres, each of shape (candidates, samples), and the first
     one's speed.
     """
-    ahead, ahead_v = front.copy(), vx.copy()
-    to_T, to_H, centres, first_v = np.zeros(len(n)), np.zeros(len(n)), [], vx
+    to_T, to_H, centres, speeds = np.zeros(len(n)), np.zeros(len(n)), [], []
+    for i, (ahead, v, a) in enumerate(_chain(n, front, vx, scene)):
+        jerk = np.abs(np.diff(a, axis=1, prepend=a[:, :1])) / scene.dt
+        loss = terms.comfort * jerk + speed_loss(v, terms.hv_ref[i], terms)
+        to_T, to_H = to_T + terms.weights[i] * charged(loss, n), to_H + terms.weights[i] * loss.sum(axis=1)
+        centres.append(ahead - scene.follower_length[i] / 2)
+        speeds.append(v)
+    return to_T, to_H, centres, speeds[0]
+
+
+def _chain(n: IntArray, front: FloatArray, vx: FloatArray, scene: PackedScene) -> Iterator[tuple]:
+    """Fronts, speeds and commands of the followers behind the AV's front and speed, nearest first."""
     inserted = joining_samples(n, scene.reactions[0, MOMENT])
     before = np.arange(front.shape[1]) < inserted[:, None]
-    ahead, ahead_v = np.where(before, scene.target_front, ahead), np.where(before, scene.target_v, ahead_v)
+    ahead, ahead_v = np.where(before, scene.target_front, front), np.where(before, scene.target_v, vx)
     for i, parameters in enumerate(scene.parameters):
         half = scene.follower_length[i] / 2
         L = np.where(before & (i == 0), scene.first_L, parameters[5])
@@ -164,12 +186,7 @@ def _followers(n: IntArray, front: FloatArray, vx: FloatArray, scene: PackedScen
         start = scene.follower_x[i] + half, scene.follower_v[i]
         leader = (ahead, ahead_v, np.broadcast_to(length, L.shape))
         ahead, ahead_v, a = _react(leader, start, (*parameters[:5], L), i, inserted, scene)
-        jerk = np.abs(np.diff(a, axis=1, prepend=a[:, :1])) / scene.dt
-        loss = terms.comfort * jerk + speed_loss(ahead_v, terms.hv_ref[i], terms)
-        to_T, to_H = to_T + terms.weights[i] * charged(loss, n), to_H + terms.weights[i] * loss.sum(axis=1)
-        centres.append(ahead - half)
-        first_v = ahead_v if i == 0 else first_v
-    return to_T, to_H, centres, first_v
+        yield ahead, ahead_v, a
 
 
 def joining_samples(n: IntArray, moment: float) -> IntArray:

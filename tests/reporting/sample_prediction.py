@@ -7,6 +7,7 @@ from itertools import product
 import numpy as np
 import pandas as pd
 
+from highd_lc.reporting.event import PredictionTrace
 from highd_lc.reporting.pages_prediction import PredictionTables
 from highd_lc.vocab import names
 from highd_lc.vocab.tables import TABLES
@@ -186,3 +187,11 @@ def nobody() -> PredictionTables:
     """The same without a row."""
     full = sample_prediction(4)
     return replace(full, **{name: getattr(full, name).iloc[:0] for name in PredictionTables.__dataclass_fields__})
+
+
+def trace() -> PredictionTrace:
+    """What an event's page draws of a predicted follower."""
+    t = np.arange(0, 8.05, 0.1)
+    recorded = 28.0 - 0.1 * t
+    gone = np.where(t > 6.0, np.nan, recorded + 0.5)
+    return PredictionTrace(t, recorded, {names.CONSTANT_SPEED: np.full(t.size, 28.0), DEFAULT: gone}, DEFAULT)

@@ -8,6 +8,7 @@ import pandas as pd
 
 from highd_lc.reporting.pages_studies import StudyTables
 from highd_lc.vocab import names
+from highd_lc.vocab.policy import CHOOSING_START
 from highd_lc.vocab.tables import TABLES
 from highd_lc.vocab.tables.robust import EXPECTED, WORST
 from highd_lc.vocab.tables.studies import FRONT, SECOND_OPINIONS, SWEEP
@@ -164,3 +165,31 @@ def variants() -> pd.DataFrame:
     nobody = {"variant": "followers: idm", "kind": "choice", "changes": [], "followers": "idm", "n_events": 0}
     unknown = dict.fromkeys(("gain", "gain_low", "gain_high", "gain_incremental"), np.nan)
     return pd.DataFrame([*rows, run | nobody | unknown], columns=list(TABLES["multiverse"].column_names))
+
+
+def tiles() -> pd.DataFrame:
+    """The map of chosen starts."""
+    rows = []
+    for policy in CHOOSING_START:
+        for spacing, closing in ((np.nan, np.nan), (0.0, np.nan), (10.0, -2.0), (20.0, 4.0)):
+            rows.append(
+                {
+                    "policy": policy, "accounting": names.EQUAL, "spacing_low_m": spacing,
+                    "closing_low_mps": closing, "n_events": 7, "share_waiting": 0.25, "share_other_gap": 0.125,
+                    "mean_delay_s": 0.75, "saved_objective": 0.0321, "saved_av": -0.011, "saved_hv": 0.054,
+                    "saved_total": 0.0123, "share_events": 0.3,
+                }
+            )  # fmt: skip
+    return pd.DataFrame(rows, columns=list(TABLES["start_map"].column_names))
+
+
+def foresight() -> pd.DataFrame:
+    """What knowing the future is worth."""
+    rows = [
+        {
+            "policy": names.LOCAL_OPTIMUM_START, "knowledge": "replanned", "n_events": 25, "no_plan": 1,
+            "touching": 2, "n_compared": 22, "mean_delay_s": 0.5, "share_waiting": 0.4, "objective": 100.0,
+            "objective_recorded": 97.53, "value_of_information": 0.0247, "value_low": 0.01, "value_high": 0.04,
+        }
+    ]  # fmt: skip
+    return pd.DataFrame(rows, columns=list(TABLES["foresight_summary"].column_names))

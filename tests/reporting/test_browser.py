@@ -5,11 +5,9 @@ from dataclasses import replace
 import pytest
 from browser import Watched, chromium
 from sample_event import infeasible_event, sample_event, unplanned_event
-from sample_prediction import nobody, sample_prediction
+from sample_prediction import nobody, sample_prediction, trace
 from sample_run import calibration, matrix, recordings, sample_run, sample_summary
-from sample_studies import studies, variants
-from test_pages_event import trace
-from test_pages_start import foresight, tiles
+from sample_studies import foresight, studies, tiles, variants
 
 from highd_lc.reporting.pages_data import data_page, excluded_page
 from highd_lc.reporting.pages_event import Links, event_page

@@ -108,6 +108,7 @@ def test_figures_take_the_colours_of_the_page():
     assert "var(--policy-benchmark)" in svg
     assert "currentColor" in svg
     assert INK not in svg
+    assert "#ffffff" not in svg
     assert 'aria-label="says &#34;more&#34; &lt; less"' in svg
 
 

@@ -4,12 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from page_text import rows_of
 from sample_event import EVENT_ID, infeasible_event, sample_event, unplanned_event
-from sample_prediction import DEFAULT
-from test_pages_population import rows_of
+from sample_prediction import trace
 
 from highd_lc.reporting import html
-from highd_lc.reporting.event import PredictionTrace, gain
+from highd_lc.reporting.event import gain
 from highd_lc.reporting.event_rows import LOSS_COLUMNS
 from highd_lc.reporting.pages_event import Links, event_page
 from highd_lc.vocab import names
@@ -131,13 +131,6 @@ def test_raw_pages_warn():
 def test_model_error_stands_beside_the_effect():
     text = text_of(event_page(sample_event(), Links()))
     assert "loss 11.25 recorded, 10.50 simulated, a difference of −0.75" in text
-
-
-def trace() -> PredictionTrace:
-    t = np.arange(0, 8.05, 0.1)
-    recorded = 28.0 - 0.1 * t
-    gone = np.where(t > 6.0, np.nan, recorded + 0.5)
-    return PredictionTrace(t, recorded, {names.CONSTANT_SPEED: np.full(t.size, 28.0), DEFAULT: gone}, DEFAULT)
 
 
 def test_an_event_shows_each_model_s_error():

@@ -6,6 +6,7 @@ from functools import cache
 import numpy as np
 import pandas as pd
 import pytest
+from page_text import rows_of
 from sample_run import calibration, matrix, recordings, sample_run, sample_summary
 from sample_studies import studies
 
@@ -30,13 +31,6 @@ def robustness() -> str:
 @cache
 def summary() -> str:
     return summary_page(sample_summary())
-
-
-def rows_of(page: str, *, after: str = "<body") -> list[list[str]]:
-    """All table rows behind a place of the page, as texts of their cells."""
-    rows = re.findall(r"<tr>(.*?)</tr>", page[page.index(after) :], flags=re.DOTALL)
-    cells = [re.findall(r"<t[hd][^>]*>(.*?)</t[hd]>", row, flags=re.DOTALL) for row in rows]
-    return [[escapes.unescape(re.sub(r"<[^>]+>", "", cell)) for cell in row] for row in cells]
 
 
 def test_the_matrix_shows_every_cell_with_its_interval():

@@ -8,6 +8,7 @@ from functools import cache
 import numpy as np
 import pandas as pd
 import pytest
+from page_text import rows_of
 from rich.console import Console
 from sample_event import sample_event
 from sample_prediction import (
@@ -25,7 +26,6 @@ from sample_prediction import (
 from sample_run import matrix, sample_run, sample_summary
 from sample_studies import studies
 from scipy import stats
-from test_pages_population import rows_of
 
 from highd_lc.reporting import figures_prediction as figures
 from highd_lc.reporting import html, labels

@@ -7,13 +7,13 @@ from pathlib import Path
 
 import pytest
 from rich.console import Console
+from shared_runs import copied
 
 from highd_lc import engine
 from highd_lc.reporting.html import PAGES
 from highd_lc.reporting.pages_scenarios import PAGES as SCENARIO_PAGES
 from highd_lc.reporting.pages_scenarios import scenario_page
 from highd_lc.stages.overview_pages import link_to_scenarios, missing_pages
-from highd_lc.vocab.job import Options
 
 
 def links(page: Path) -> set[str]:
@@ -36,10 +36,9 @@ def make_scenarios(reports: Path) -> None:
 
 
 @pytest.fixture
-def make_report(pipeline_run, tmp_path):
-    """Bring a copy of a finished run up to date, into its folder of reports."""
-    shutil.copytree(pipeline_run.work, tmp_path / "work")
-    options = Options(pipeline_run.data, tmp_path / "work", tmp_path / "reports", workers=1)
+def make_report(pipeline_run, undrawn, tmp_path):
+    """Bring a copy of a finished run up to date, into its folder of reports, where there is nothing yet."""
+    options = copied(pipeline_run, tmp_path, reports=False)
 
     def make() -> Path:
         engine.run(pipeline_run.settings, options, last="report", console=Console(file=io.StringIO()))
@@ -62,8 +61,7 @@ def contents(reports: Path) -> dict[str, bytes]:
     return {str(p.relative_to(reports)): p.read_bytes() for p in reports.rglob("*.html")}
 
 
-def test_the_order_of_report_and_scenarios_does_not_matter(pipeline_run, make_report, tmp_path):
-    shutil.copytree(pipeline_run.reports, tmp_path / "reports")
+def test_the_order_of_report_and_scenarios_does_not_matter(make_report):
     reports = make_report()
     alone = contents(reports)
     assert not any("scenarios/index.html" in links(reports / name) for name in pages_of(reports))
@@ -82,8 +80,7 @@ def test_the_order_of_report_and_scenarios_does_not_matter(pipeline_run, make_re
     assert dead(reports) == []
 
 
-def test_scenarios_that_come_and_go_cost_no_page_of_an_event(pipeline_run, make_report, tmp_path):
-    shutil.copytree(pipeline_run.reports, tmp_path / "reports")
+def test_scenarios_that_come_and_go_cost_no_page_of_an_event(make_report):
     reports = make_report()
     before = {path: path.stat().st_mtime_ns for path in (reports / "events").iterdir()}
     folder = reports / "scenarios"

@@ -11,6 +11,7 @@ from running import FIXTURES
 
 from highd_lc import engine
 from highd_lc.io import artefacts
+from highd_lc.stages.overview_pages import Overview, page_of
 from highd_lc.vocab.job import Options
 from highd_lc.vocab.settings import Settings
 
@@ -41,7 +42,7 @@ def options(tmp_path_factory):
     made = Options(FIXTURES, root / "work", root / "reports", workers=1)
     with pytest.MonkeyPatch.context() as patch:
         patch.syspath_prepend(os.fspath(root))
-        outcome = engine.run(settings(), made, last="report", console=Console(file=io.StringIO()))
+        outcome = engine.run(settings(), made, last="validate", console=Console(file=io.StringIO()))
         assert not outcome.problems
         yield made
 
@@ -106,7 +107,9 @@ def test_its_trajectories_follow_from_the_function_alone(options):
     assert compared
 
 
-def test_the_page_names_it(options):
-    page = (options.reports / "prediction.html").read_text()
+def test_the_page_names_it(options, undrawn):
+    validation = settings().validation
+    of_run = Overview(options.work, False, validation.statistics, validation.followers.b_max, PLANS)
+    page = page_of("prediction.html", of_run).decode()
     assert PLANS in page
     assert JUDGED in page

@@ -1,10 +1,10 @@
 """``highd-lc report``: which pictures --top, --png and --event leave, and what --open opens."""
 
 import re
-import shutil
 from pathlib import Path
 
 import pytest
+from shared_runs import copied
 from typer.testing import CliRunner
 
 from highd_lc import cli
@@ -12,24 +12,47 @@ from highd_lc.io import artefacts
 from highd_lc.stages import report
 from highd_lc.vocab import names
 from highd_lc.vocab.errors import UsageError
+from highd_lc.vocab.settings import Settings
 
 
 @pytest.fixture
-def command(pipeline_run, tmp_path, monkeypatch):
+def command(pipeline_run, tmp_path, monkeypatch, undrawn):
     """The command on a copy of a finished run; what it was asked to open is in ``opened``."""
-    shutil.copytree(pipeline_run.work, tmp_path / "work")
-    shutil.copytree(pipeline_run.reports, tmp_path / "reports")
+    copied(pipeline_run, tmp_path)
+    run = cli_on(pipeline_run, tmp_path, monkeypatch)
+    run.opened = []
+    monkeypatch.setattr(cli.typer, "launch", run.opened.append)
+    return run
+
+
+def cli_on(pipeline_run, root: Path, monkeypatch):
+    """``highd-lc report`` with the settings of a run, on the folders below ``root``."""
     monkeypatch.setattr(cli, "_settings", lambda *_: pipeline_run.settings)
-    folders = ["--data", pipeline_run.data, "--work", tmp_path / "work", "--reports", tmp_path / "reports"]
+    folders = ["--data", pipeline_run.data, "--work", root / "work", "--reports", root / "reports"]
 
     def run(*options: str) -> Path:
         arguments = ["report", *map(str, folders), "--workers", "1", *options]
         CliRunner().invoke(cli.app, arguments, catch_exceptions=False)
-        return tmp_path / "reports"
+        return root / "reports"
 
-    run.opened = []
-    monkeypatch.setattr(cli.typer, "launch", run.opened.append)
     return run
+
+
+@pytest.fixture
+def asked_for(pipeline_run, tmp_path, monkeypatch):
+    """The pictures that options of the command ask for on a finished run, None = all; nothing is made."""
+    run, asked = cli_on(pipeline_run, tmp_path, monkeypatch), []
+
+    def choose(stage: str, settings: Settings, *_: object, **__: object) -> None:
+        asked.append(report.choose(pipeline_run.work, settings.report, reports=tmp_path).pictures)
+
+    monkeypatch.setattr(cli, "_go", choose)
+
+    def pictures(*options: str) -> frozenset[str] | None:
+        run(*options)
+        return asked.pop()
+
+    return pictures
 
 
 def ranked(work: Path) -> list[str]:
@@ -59,15 +82,14 @@ def test_top_alone_draws_only_these_and_the_next_run_all_again(pipeline_run, com
     assert drawn(command()) == events
 
 
-def test_top_says_how_many_where_png_says_top_and_nothing_else(pipeline_run, command):
-    events = set(artefacts.read(pipeline_run.work, "events")["event_id"])
-    assert drawn(command("--png", "top", "--top", "1")) == set(ranked(pipeline_run.work)[:1])
-    assert drawn(command("--png", "none", "--top", "1")) == set()
-    assert drawn(command("--png", "all", "--top", "1")) == events
+def test_top_says_how_many_where_png_says_top_and_nothing_else(pipeline_run, asked_for):
+    assert asked_for("--png", "top", "--top", "1") == set(ranked(pipeline_run.work)[:1])
+    assert asked_for("--png", "none", "--top", "1") == set()
+    assert asked_for("--png", "all", "--top", "1") is None
 
 
-def test_more_top_events_than_there_are_draws_those_with_a_gain(pipeline_run, command):
-    assert drawn(command("--top", "500")) == set(ranked(pipeline_run.work))
+def test_more_top_events_than_there_are_draws_those_with_a_gain(pipeline_run, asked_for):
+    assert asked_for("--top", "500") == set(ranked(pipeline_run.work))
 
 
 def test_beyond_500_events_the_top_ones_are_drawn(pipeline_run, tmp_path, monkeypatch):

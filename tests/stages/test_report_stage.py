@@ -1,92 +1,70 @@
 import json
 import re
 import shutil
+from dataclasses import fields
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
+from shared_runs import FIXTURES, copied
 
 from highd_lc.io import artefacts
 from highd_lc.reporting.html import PAGES
-from highd_lc.stages import calibrate, extract, ingest, report, validate
+from highd_lc.stages import report
 from highd_lc.stages.overview_pages import missing_pages
 from highd_lc.stages.prediction_tables import followers_believed
 from highd_lc.vocab import names
 from highd_lc.vocab.errors import UsageError
-from highd_lc.vocab.job import Combination, Job, Provenance
-from highd_lc.vocab.settings import (
-    CalibrateSettings,
-    ReportSettings,
-    Settings,
-    StatisticsSettings,
-    StudySettings,
-    ValidateSettings,
-)
+from highd_lc.vocab.job import Combination, Job, Provenance, one_by_one
+from highd_lc.vocab.settings import ReportSettings, Settings, ValidateSettings
 from highd_lc.vocab.tables import TABLES
 
-FIXTURES = Path(__file__).parents[1] / "fixtures"
 RECORDINGS = (1, 2)
 PROVENANCE = Provenance("0123abcd", {"01": "feed"}, 1, "code-1")
-STUDIES = StudySettings(
-    sample=2, start_sample=2, foresight_sample=0, draws=2, replans=1, population=8, generations=2, solver_sample=1
-)
-SETTINGS = Settings(
-    calibrate=CalibrateSettings(population=20, generations=5),
-    validate=ValidateSettings(statistics=StatisticsSettings(bootstrap=100), studies=STUDIES),
-)
 
 
-def job(work: Path, recording: int, settings: Settings = SETTINGS) -> Job:
-    return Job(recording, FIXTURES, work, settings, PROVENANCE)
+def job(work: Path, recording: int, settings: Settings) -> Job:
+    return Job(recording, FIXTURES, work, settings, made_from(work, recording))
 
 
-def combination(work: Path, settings: Settings = SETTINGS) -> Combination:
-    return Combination(RECORDINGS, work, settings, PROVENANCE)
+def made_from(work: Path, recording: int) -> Provenance:
+    """The provenance of a recording's pages, which they show, as the run had it."""
+    about = artefacts.provenance_of(artefacts.part_folder(work, report.STAGE, recording) / "event_pages.parquet")
+    return Provenance(*(about[field.name] for field in fields(Provenance)))
 
 
 @pytest.fixture(scope="module")
-def work(tmp_path_factory) -> Path:
-    """Artefacts of the small recordings, up to validate."""
-    folder = tmp_path_factory.mktemp("work")
-    for stage, joined in (
-        (ingest, ("vehicles", "recordings")),
-        (extract, ("crossings", "events", "event_tracks")),
-        (calibrate, ()),
-        (validate, ()),
-    ):
+def work(pipeline_run, tmp_path_factory) -> Path:
+    """A copy of a finished run's work folder: the stage writes a table of its own into it."""
+    return copied(pipeline_run, tmp_path_factory.mktemp("run"), reports=False).work
+
+
+@pytest.fixture(scope="module")
+def made(pipeline_run, tmp_path_factory) -> Path:
+    """The whole report, without the lock of the run that made it."""
+    folder = tmp_path_factory.mktemp("made") / "reports"
+    return shutil.copytree(pipeline_run.reports, folder, ignore=shutil.ignore_patterns(".lock"))
+
+
+@pytest.fixture
+def make(pipeline_run):
+    """Makes the pages of a work folder, all of them unless some are named, changed: settings of the report."""
+
+    def make(work: Path, folder: Path, *, carry_out=one_by_one, changed: dict | None = None, **wanted) -> None:
+        of_report = pipeline_run.settings.report.model_copy(update=changed or {})
+        settings = pipeline_run.settings.model_copy(update={"report": of_report})
+        request = report.choose(work, settings.report, reports=folder, **wanted)
         for recording in RECORDINGS:
-            stage.run(job(folder, recording))
-        for name in joined:
-            artefacts.concatenate(folder, stage.STAGE, name, RECORDINGS, PROVENANCE)
-        if not joined:
-            stage.combine(combination(folder))
-    return folder
+            report.run(job(work, recording, settings), request=request)
+        report.combine(Combination(RECORDINGS, work, settings, PROVENANCE), request=request, carry_out=carry_out)
+
+    return make
 
 
-@pytest.fixture(scope="module")
-def made(work, tmp_path_factory) -> Path:
-    """The whole report."""
-    folder = tmp_path_factory.mktemp("reports")
-    make(work, folder)
-    return folder
-
-
-def make(work: Path, folder: Path, settings: Settings = SETTINGS, **wanted) -> None:
-    request = report.choose(work, settings.report, reports=folder, **wanted)
-    for recording in RECORDINGS:
-        report.run(job(work, recording, settings), request=request)
-    report.combine(combination(work, settings), request=request)
-
-
-def test_overview_pages_are_the_same_however_they_are_carried_out(work, made, tmp_path):
-    def last_first(calls):
-        return [call() for call in reversed(calls)][::-1]
-
-    request = report.choose(work, SETTINGS.report, reports=tmp_path)
-    report.combine(combination(work), request=request, carry_out=last_first)
-    for name in pages_of(work):
-        assert (tmp_path / name).read_bytes() == (made / name).read_bytes()
+def last_first(calls):
+    """Calls carried out from the last to the first."""
+    return [call() for call in reversed(calls)][::-1]
 
 
 def events(work: Path) -> list[str]:
@@ -98,7 +76,7 @@ def payload(page: Path) -> dict:
     return json.loads(re.search(r'<script type="application/json" id="data">(.*?)</script>', text).group(1))
 
 
-DEFAULT = SETTINGS.validation.follower_models[0]
+DEFAULT = ValidateSettings().follower_models[0]
 
 
 def default(work: Path, name: str) -> pd.DataFrame:
@@ -132,14 +110,11 @@ def with_predictions(work: Path, folder: Path, *, present: bool) -> Path:
 
 
 @pytest.mark.parametrize("present", [True, False])
-def test_the_page_on_followers_is_there_if_its_tables_are(work, tmp_path, present):
+def test_the_page_on_followers_is_there_if_its_tables_are(work, make, undrawn, tmp_path, present):
     copy = with_predictions(work, tmp_path / "work", present=present)
     (tmp_path / "reports").mkdir()
     (tmp_path / "reports" / "prediction.html").write_text("of an earlier run")
-    request = report.choose(copy, SETTINGS.report, reports=tmp_path / "reports")
-    for recording in RECORDINGS:
-        report.run(job(copy, recording), request=request)
-    report.combine(combination(copy), request=request)
+    make(copy, tmp_path / "reports", changed={"png": "none"})
     page = tmp_path / "reports" / "prediction.html"
     assert page.is_file() == present
     assert not present or "earlier run" not in page.read_text(encoding="utf-8")
@@ -236,19 +211,19 @@ def test_surface_and_plan_agree(work, made):
             assert T > 0
 
 
-def test_the_same_run_gives_the_same_bytes_and_leaves_no_event_of_another(work, made, tmp_path):
+def test_the_same_run_gives_the_same_bytes_in_any_order_and_leaves_no_event_of_another(work, made, make, tmp_path):
     folder = tmp_path / "events"
     folder.mkdir()
     for name in ("77-0001-00001.html", "77-0001-00001.png", f"{events(work)[0]}.pdf", "notes.html"):
         (folder / name).write_text("from an earlier run")
-    make(work, tmp_path)
+    make(work, tmp_path, carry_out=last_first)
     for path in made.rglob("*.*"):
         assert (tmp_path / path.relative_to(made)).read_bytes() == path.read_bytes(), path.name
     extra = {path.name for path in folder.iterdir()} - {path.name for path in (made / "events").iterdir()}
     assert extra == {"notes.html"}
 
 
-def test_one_event_leaves_everything_else_alone(work, tmp_path):
+def test_one_event_leaves_everything_else_alone(work, make, tmp_path):
     chosen = events(work)[1]
     (tmp_path / "index.html").write_text("old")
     make(work, tmp_path, events=(chosen,), vector=("pdf", "svg"))
@@ -280,19 +255,17 @@ def test_top_events_are_those_that_differ_most(work):
     assert report.top_events(work, 1, DEFAULT) == {difference.idxmax()}
 
 
-def test_pictures_no_longer_wanted_go(work, tmp_path):
+def test_pictures_no_longer_wanted_go(work, make, tmp_path):
     event_id = events(work)[0]
     (tmp_path / "events").mkdir()
     (tmp_path / "events" / f"{event_id}.png").write_text("from an earlier run")
-    plain = SETTINGS.model_copy(update={"report": ReportSettings(png="none")})
-    make(work, tmp_path, plain, events=(event_id,))
+    make(work, tmp_path, changed={"png": "none"}, events=(event_id,))
     assert [path.name for path in (tmp_path / "events").iterdir()] == [f"{event_id}.html"]
 
 
-def test_raw_pages_hold_finer_recorded_motion(work, made, tmp_path):
+def test_raw_pages_hold_finer_recorded_motion(work, made, make, tmp_path):
     event_id = events(work)[0]
-    raw = SETTINGS.model_copy(update={"report": ReportSettings(raw=True, png="none")})
-    make(work, tmp_path, raw, events=(event_id,))
+    make(work, tmp_path, changed={"raw": True, "png": "none"}, events=(event_id,))
 
     def finest(folder: Path) -> float:
         plays = payload(folder / "events" / f"{event_id}.html")["plays"]
