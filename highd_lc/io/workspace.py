@@ -9,13 +9,14 @@ moment at which the process may be killed.
 The recordings that a run starts from: their files, a hash of each, and whether they are what they were.
 """
 
-import fcntl
 import hashlib
 import json
+import logging
 import os
 import shutil
+import traceback
 from collections.abc import Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass
 from functools import cache
 from importlib.metadata import version
@@ -26,9 +27,11 @@ from highd_lc.io import atomic
 from highd_lc.io.atomic import Written
 from highd_lc.io.formats import Format
 from highd_lc.io.settings import digest
-from highd_lc.vocab.errors import InputError, StorageError, UsageError
+from highd_lc.vocab.errors import HighdLcError, InputError, StorageError, UsageError
 from highd_lc.vocab.job import JobReport, Problem
 from highd_lc.vocab.tables import PARTITIONED
+
+log = logging.getLogger("highd_lc")
 
 
 @cache
@@ -76,13 +79,15 @@ def owned(
 
 
 def _lock(handle: TextIO, folder: Path, role: str) -> None:
+    from filelock import lock_descriptor  # not needed to read a work folder
+
     try:
-        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError as error:
-        raise UsageError(f"{folder}: another run is using this {role} folder") from error
+        locked = lock_descriptor(handle.fileno(), blocking=False)
     except OSError as error:
         needed = f"the {role} folder needs a file system with flock: a local disk, or a mount with locks"
         raise StorageError(f"{folder}: cannot be locked: {error.strerror}; {needed}") from error
+    if not locked:
+        raise UsageError(f"{folder}: another run is using this {role} folder")
 
 
 def drop_other_recordings(work: Path, recordings: Iterable[int]) -> None:
@@ -120,6 +125,17 @@ def append_log(work: Path, entry: dict[str, Any]) -> None:
             sink.write(json.dumps(entry, sort_keys=True) + "\n")
     except OSError as error:
         raise StorageError(f"{path}: cannot be written: {error.strerror}") from error
+
+
+def log_error(work: Path, error: BaseException, **about: Any) -> None:
+    """Add an error with its traceback to the run's log, and show it where somebody asked for tracebacks.
+
+    about: what it belongs to, as further entries of the line. A log that cannot be written is no other error.
+    """
+    trace = "".join(traceback.format_exception(error)).rstrip()
+    log.debug(trace)
+    with suppress(HighdLcError):
+        append_log(work, {**about, "error": f"{type(error).__name__}: {error}", "traceback": trace})
 
 
 @dataclass(frozen=True)
@@ -171,6 +187,14 @@ def _stamp(path: Path) -> list[int]:
     return [stat.st_size, stat.st_mtime_ns]
 
 
+def relative(path: Path, base: Path) -> str:
+    """Where a path is from a folder's point of view; as it is where no way leads there (another drive)."""
+    try:
+        return os.path.relpath(path.resolve(), base.resolve())
+    except ValueError:
+        return str(path.resolve())
+
+
 @dataclass(frozen=True)
 class Records:
     """The records of a work folder. verify: hash the files of finished work instead of looking at their sizes."""
@@ -195,7 +219,7 @@ class Records:
     ) -> None:
         """Write down that work is finished: the last step of it."""
         base = self.work.resolve()
-        listed = {os.path.relpath(f.path.resolve(), base): [f.size, f.sha256] for f in files}
+        listed = {relative(f.path, base): [f.size, f.sha256] for f in files}
         record = {"key": key, **asdict(report), "files": listed}
         atomic.write_text(self._file(stage, recording), json.dumps(record, indent=1, sort_keys=True))
 
@@ -232,10 +256,11 @@ class Inputs:
             self.hashes.refuse_changed(path)
 
 
-def find_inputs(data: Path, work: Path, *, source: Format, verify: bool) -> Inputs:
+def find_inputs(data: Path, work: Path, *, source: Format, verify: bool, keep: bool = True) -> Inputs:
     """Find the recordings of a folder in a format and hash their files; verify: even those that look unchanged.
 
-    Raises InputError if the folder is missing or holds no recording, StorageError if the hashes cannot be kept.
+    keep: remember the hashes in the work folder. Raises InputError if the folder is missing or holds no recording,
+    StorageError if the hashes cannot be kept.
     """
     hashes = InputHashes.open(work, verify=verify)
     files: dict[int, tuple[Path, ...]] = {}
@@ -247,6 +272,7 @@ def find_inputs(data: Path, work: Path, *, source: Format, verify: bool) -> Inpu
             keys[recording] = digest(*map(hashes.of, files[recording]))
         except InputError as error:
             problems.append(Problem(recording, "ingest", str(error), lost=True))
-    hashes.save()
+    if keep:
+        hashes.save()
     largest_first = sorted(keys, key=lambda r: (-sum(hashes.size_of(path) for path in files[r]), r))
     return Inputs(data, {r: files[r] for r in largest_first}, keys, tuple(problems), hashes)
