@@ -47,6 +47,7 @@ def wave_sections(waves: pd.DataFrame, field: pd.DataFrame, default: str) -> Ite
         place=waves["source"].map({OBSERVED: 0, default: 1, UNRELATED: 3}).fillna(2),
     ).sort_values(["stratum", "place", "source"], kind="stable")
     observed, simulated = (_map(field, source) for source in (OBSERVED, default))
+    columns = [column for column in _COLUMNS if table[column.name].notna().any()]
     figure = None
     if observed is not None and simulated is not None:
         figure = html.inline_svg(wave_field_figure(observed, simulated), _ALTERNATIVE)
@@ -55,7 +56,7 @@ def wave_sections(waves: pd.DataFrame, field: pd.DataFrame, default: str) -> Ite
         tuple(wave_words(waves, default)),
         figure,
         _CAPTION if figure else "",
-        tables=(table_view(table, _COLUMNS, "From vehicle to vehicle, by cross-correlation of their speeds"),),
+        tables=(table_view(table, columns, "From vehicle to vehicle, by cross-correlation of their speeds"),),
         anchor="waves",
     )
 
@@ -122,7 +123,7 @@ def _beside(mine: dict[str, Any]) -> str:
     word = "later" if later > 0.0 else "sooner"
     said = f"Over the {mine['n_both']} pairs with both they react {abs(later):.1f} s {word} than the drivers did"
     if low != low:
-        return f"{said}; there is no interval, with {mine['reason'] or 'too few recordings'}."
+        return f"{said}, without an interval."
     told = "which is no difference that could be told" if low <= 0.0 <= high else "a difference beyond chance"
     return f"{said} ({low:.1f} to {high:.1f}), {told}."
 
@@ -136,4 +137,4 @@ def _excess(share: float, chance: float) -> str:
 def _intervals(seen: dict[str, Any]) -> str:
     if seen["speed_low"] == seen["speed_low"]:
         return f"Intervals are over {seen['n_recordings']} recordings."
-    return f"There is no interval: {seen['reason']}." if seen["reason"] else "There is no interval."
+    return f"With {seen['n_recordings']} recordings there is no interval."
