@@ -32,6 +32,7 @@ LONGEST_LAG_S: Final = 4.0
 _SAMPLES: Final = round(VIEW_S / TIME_STEP) + 1
 _X_EDGES: Final = np.arange(-150.0, 50.1, 10.0)
 _T_EDGES: Final = np.arange(0.0, 8.01, 0.5)
+_OF_UNRELATED: Final = ("n_pairs", "n_recordings", "contacts", "passed", "share_passed", "correlation", "reason")
 _NOTHING: Final = (np.nan, np.nan, np.nan)
 
 
@@ -84,7 +85,9 @@ def shock_waves(
         for stratum, inside in strata.items():
             of_both = passages[source][inside], passages[OBSERVED][inside]
             found = _wave(*of_both, units[inside], bootstrap) | {"contacts": int(one.left_out[inside].sum())}
-            made.append({"source": source, "stratum": stratum} | found)
+            if source == UNRELATED:  # on different roads, so to say: nothing moves from one to the other
+                found = {name: value for name, value in found.items() if name in _OF_UNRELATED}
+            made.append({"source": source, "stratum": stratum, "n_both": 0} | found)
     return pd.DataFrame(made, columns=columns).sort_values(["source", "stratum"], ignore_index=True)
 
 
