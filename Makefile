@@ -23,7 +23,7 @@ OPTIONS := $${DATA:+--data "$$DATA"} $(PLACES) $${PIPELINE:+--pipeline "$$PIPELI
 # Exit code 4: done, but something was skipped and listed. make passes it as success, in words.
 PASS_4 = || { code=$$?; [ $$code -eq 4 ] && echo "done; what was skipped is listed above (exit code 4)" || exit $$code; }
 
-.PHONY: setup setup-dev help demo ingest extract calibrate validate report scenarios synthesize
+.PHONY: setup setup-dev help demo ingest extract calibrate validate report scenarios ledger synthesize
 .PHONY: test test-all test-faults check docs wheel bench bench-full clean
 
 ## setup        virtual environment (.venv, or VENV=...) and package; PYTHON=... chooses the Python
@@ -57,6 +57,11 @@ ingest extract calibrate report: setup
 scenarios: setup
 	@$(HIGHD_LC) scenarios $${REPORTS:+--out "$$REPORTS/scenarios"} $${WORK:+--work "$$WORK"} --workers "$$WORKERS" \
 	  $${PIPELINE:+--pipeline "$$PIPELINE"} $${SWEEP:+--sweep}
+
+## ledger       docs/ledger.md anew, from the scenarios as shipped
+ledger: setup
+	@made=$$(mktemp -d) && $(HIGHD_LC) scenarios --out "$$made" --work "$$made/none" --workers "$$WORKERS" \
+	  && cp "$$made/ledger.md" docs/ledger.md; code=$$?; rm -rf "$$made"; exit $$code
 
 ## synthesize   synthetic recordings into OUT=..., else data/synthetic
 synthesize: setup

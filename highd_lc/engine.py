@@ -116,13 +116,13 @@ def compare_with_truth(settings: Settings, options: Options, *, console: Console
 def multiverse(
     settings: Settings, options: Options, *, console: Console, outcome: Outcome
 ) -> tuple["pd.DataFrame", str]:
-    """Bring the run up to validate and make the page of its multiverse; the table ``multiverse`` and its range."""
+    """Bring the run up to its multiverse and make its page; the table ``multiverse`` and its range."""
     from highd_lc.io import artefacts
     from highd_lc.reporting.pages_multiverse import by_gain, range_words
     from highd_lc.stages.overview_pages import write_multiverse
 
     with workspace.owned(options.reports, **_OF_REPORTS):
-        run(settings, options, last="validate", console=console, outcome=outcome)
+        run(settings, options, last="multiverse", console=console, outcome=outcome)
         with workspace.owned(options.work):
             write_multiverse(options.work, options.reports, settings.validation)
             table = artefacts.read(options.work, "multiverse")
@@ -130,7 +130,8 @@ def multiverse(
 
 
 def _up_to(wanted: set[str]) -> tuple[Stage, ...]:
-    """The stages named, and all that come before one of them."""
+    """The stages named, and all that come before one of them; the multiverse belongs to validate."""
+    wanted = wanted | ({"multiverse"} if "validate" in wanted else set())
     return STAGES[: 1 + max(number for number, stage in enumerate(STAGES) if stage.name in wanted)]
 
 

@@ -90,7 +90,7 @@ class Stage:
         """What its work on a recording depends on beside its inputs and the code."""
         found = [attrgetter(name)(settings) for name in self.settings]
         plain = [repr(value) if isinstance(value, float) else value for value in found]
-        choices = [choices_text(settings.validation)] if self.name == "validate" else []
+        choices = [choices_text(settings.validation)] if self.name == "multiverse" else []
         return plain + self._contents(settings) + self._functions(settings) + choices
 
     def _contents(self, settings: Settings) -> list[Dependency]:
@@ -181,10 +181,11 @@ STAGES: Final = (
     Stage(
         "calibrate", ("calibrate", *_FITTED_WITH, "seed"), pools=True, files=("validation.followers.population",)
     ),
-    Stage("validate", ("validation", "seed"), functions=("validation.planners",)),
+    Stage("validate", ("validation_alone", "seed"), functions=("validation.planners",)),
+    Stage("multiverse", ("validation", "seed")),
     _Pages("report", ("report",), reads_tables=True),
 )
-"""Each needs all before it."""
+"""Each needs all before it. The multiverse is a part of validate that is brought up to date by itself."""
 
 _FATAL = (StorageError, ClusterError)
 """Errors that are not of one recording: the others would meet them too."""

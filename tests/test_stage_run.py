@@ -12,6 +12,7 @@ from highd_lc.stage_run import STAGES
 from highd_lc.vocab.job import Options
 from highd_lc.vocab.settings import Settings
 
+CHOICES = Path(__file__).parents[1] / "pipelines" / "choices" / "multiverse.toml"
 OPTIONS = Options(Path("data"), Path("work"), Path("reports"))
 
 
@@ -26,10 +27,12 @@ def keys(options: Options = OPTIONS, **sections: object) -> dict[str, str]:
         ({"synthetic": {"seed": 9}}, set()),
         ({"extract": {"max_followers": 2}}, {"extract"}),
         ({"calibrate": {"study_sample": 7}}, {"calibrate"}),
-        ({"validate": {"studies": {"sample": 3}}}, {"validate"}),
-        ({"validate": {"followers": {"b_max": 5.0}}}, {"calibrate", "validate"}),
-        ({"validate": {"statistics": {"bootstrap": 200}}}, {"calibrate", "validate"}),
-        ({"seed": 7}, {"calibrate", "validate"}),
+        ({"validate": {"studies": {"sample": 3}}}, {"validate", "multiverse"}),
+        ({"validate": {"multiverse": {"sample": 3}}}, {"multiverse"}),
+        ({"validate": {"multiverse": {"choices": str(CHOICES)}}}, {"multiverse"}),
+        ({"validate": {"followers": {"b_max": 5.0}}}, {"calibrate", "validate", "multiverse"}),
+        ({"validate": {"statistics": {"bootstrap": 200}}}, {"calibrate", "validate", "multiverse"}),
+        ({"seed": 7}, {"calibrate", "validate", "multiverse"}),
         ({"report": {"top": 3}}, {"report"}),
     ],
 )

@@ -8,6 +8,7 @@ and time of neighbouring cells add up to what was travelled. A sample that is no
 """
 
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 from numba import njit
@@ -151,6 +152,18 @@ def edie(distance: float, time: float, area: float) -> tuple[float, float, float
     if time <= 0.0:
         return np.nan, np.nan, np.nan
     return 3600.0 * distance / area, 3.6 * distance / time, 1000.0 * time / area
+
+
+DENSITIES: Final = (11.0, 22.0)
+"""Densities above which traffic is dense, and congested [veh/km and lane]."""
+TRAFFIC_STATES: Final = ("free", "dense", "congested")
+
+
+def traffic_states(density: FloatArray) -> NDArray[np.object_]:
+    """The traffic state at each density [veh/km and lane], shape (n,); empty where the density is not known."""
+    words = np.array([*TRAFFIC_STATES, ""], dtype=object)
+    place = np.searchsorted(DENSITIES, density, side="right")
+    return np.asarray(words[np.where(np.isfinite(density), place, len(TRAFFIC_STATES))])
 
 
 @njit(cache=True, nogil=True)

@@ -41,8 +41,6 @@ SPACINGS: Final = (20.0, 35.0, 60.0)
 """Bounds of the classes of spacing [m]."""
 CLOSINGS: Final = (-2.0, 0.0, 2.0, 5.0)
 """Bounds of the classes of closing speed [m/s]."""
-DENSITIES: Final = (11.0, 22.0)
-"""Densities above which traffic is dense, and congested [veh/km and lane]."""
 
 
 @dataclass(frozen=True)
@@ -111,12 +109,12 @@ def judge(
         nrmse_spacing=_rms(spacing - kept) / _rms(kept) + seen,
         theil_u=_rms(spacing - kept) / (_rms(spacing) + _rms(kept)) + seen,
         paper_j=_paper_j(v, recorded) + seen,
-        contact=_contacts(simulated.x[: last + 1], fronts, responses),
-        contact_recorded=_contacts(responses.x[: last + 1], responses.x_ahead, responses),
+        contact=contacts(simulated.x[: last + 1], fronts, responses),
+        contact_recorded=contacts(responses.x[: last + 1], responses.x_ahead, responses),
     )
 
 
-def _contacts(x: FloatArray, ahead: FloatArray, responses: Responses) -> BoolArray:
+def contacts(x: FloatArray, ahead: FloatArray, responses: Responses) -> BoolArray:
     """Whether fronts x (K, R) pass the rear bumper ahead, shape (R,): the changer's from half of its way on."""
     r, samples = responses, len(x)
     rear = np.where(r.progress >= 0.5, ahead - r.ahead_length, r.before_x - r.before_length)

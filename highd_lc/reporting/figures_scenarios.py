@@ -95,29 +95,29 @@ def _rank_key(figure: Figure, axes: Any, count: int) -> None:
 
 
 def plan_figure(stories: Mapping[str, Story]) -> Figure:
-    """The plans of both policies, one column a situation: forward offset, lateral position, speed, acceleration
+    """The plans of both policies, one column a situation: forward offset, lateral position, speed, forward
 
-    (figure 9). The offset is x - v0 t.
+    acceleration, lateral speed and acceleration (figure 9). The offset is x - v0 t.
     """
-    figure, axes = panels(9.4, 6.6, rows=4, columns=len(stories), sharex="col", sharey="row")
+    rows = ("x − v₀ t [m]", "y [m]", "speed [m/s]", "a_x [m/s²]", "v_y [m/s]", "a_y [m/s²]")
+    figure, axes = panels(9.4, 9.4, rows=len(rows), columns=len(stories), sharex="col", sharey="row")
     for column, story in enumerate(stories.values()):
         for policy in story.policies:
             plan = story.plans[policy]
             _plan_curves(axes[:, column], sample(plan, np.linspace(0.0, plan.T, 201)), plan, policy)
-        label(axes[0, column], title=f"AV at {story.v_av:g} m/s", y="x − v₀ t [m]" if column == 0 else "")
-        for row, text in ((1, "y [m]"), (2, "speed [m/s]"), (3, "a_x [m/s²]")):
-            label(axes[row, column], y=text if column == 0 else "", x="time after t_start [s]" if row == 3 else "")
+        for one, text in zip(axes[:, column], rows, strict=True):
+            label(one, y=text if column == 0 else "")
+        axes[0, column].set_title(f"AV at {story.v_av:g} m/s", fontsize=SIZE + 0.5, color=INK, loc="left")
+        axes[-1, column].set_xlabel("time after t_start [s]", fontsize=SIZE, color=QUIET)
     axes[0, 0].legend(loc="upper left", **LEGEND)
     return figure
 
 
 def _plan_curves(axes: Any, s: Samples, plan: Quintic, policy: str) -> None:
     style = {"color": _COLOUR[policy], "lw": 1.8, "ls": "--" if policy == names.BENCHMARK else "-"}
-    axes[0].plot(s.t, s.x - plan.v0 * s.t, label=f"{_LABEL[policy]}", **style)
-    axes[1].plot(s.t, s.y, **style)
-    axes[2].plot(s.t, np.hypot(s.vx, s.vy), **style)
-    axes[3].plot(s.t, s.ax, **style)
-    for one, values in zip(axes, (s.x - plan.v0 * s.t, s.y, np.hypot(s.vx, s.vy), s.ax), strict=True):
+    curves = (s.x - plan.v0 * s.t, s.y, np.hypot(s.vx, s.vy), s.ax, s.vy, s.ay)
+    for one, values in zip(axes, curves, strict=True):
+        one.plot(s.t, values, label=f"{_LABEL[policy]}", **style)
         one.plot(plan.T, values[-1], "o", color=_COLOUR[policy], ms=4)
 
 
@@ -151,15 +151,17 @@ def loss_figure(cells: pd.DataFrame, *, printed: Mapping[str, PrintedLosses]) ->
 
 
 def _stack(axes: Axes, x: int, row: pd.DataFrame) -> None:
+    doubt = "" if row.empty else row["not_valid"].iloc[0]
     if row.empty or not np.isfinite(row["loss_total"].iloc[0]):
-        axes.text(x, 0, "no plan", rotation=90, fontsize=SIZE, color=QUIET, ha="center", va="bottom")
+        axes.text(x, 0, doubt or "no plan", rotation=90, fontsize=SIZE, color=QUIET, ha="center", va="bottom")
         return
     base = 0.0
     for column, _, colour in labels.LOSS_PARTS:
         height = 0.5 * float(row[column].iloc[0])
         axes.bar(x, height, bottom=base, color=colour, width=0.68)
         base += height
-    axes.text(x, base, f"{base:.1f}", ha="center", va="bottom", fontsize=SIZE - 0.5, color=INK)
+    star = "*" if doubt else ""
+    axes.text(x, base, f"{base:.1f}{star}", ha="center", va="bottom", fontsize=SIZE - 0.5, color=INK)
 
 
 def _printed_bars(axes: Axes, printed: Mapping[str, PrintedLosses]) -> None:

@@ -136,6 +136,26 @@ def lane_state_figure(state: LaneState) -> Figure:
     return figure
 
 
+def wave_field_figure(observed: SpeedMap, simulated: SpeedMap) -> Figure:
+    """Speed behind lane changes laid over each other: observed, simulated, and simulated minus observed."""
+    figure, axes = panels(9.4, 3.4, columns=3, sharey=True)
+    difference = simulated.speed - observed.speed
+    every = np.concatenate([observed.speed.ravel(), simulated.speed.ravel()])
+    # The outermost cells hold a vehicle or two: they must not set the scale.
+    low, high = np.nanquantile(every, [0.02, 0.98])
+    largest = max(float(np.nanquantile(np.abs(difference), 0.98)), 0.1) if np.isfinite(difference).any() else 0.1
+    for one, shown, title in zip(axes[0], (observed, simulated), ("observed", "simulated"), strict=False):
+        image = _map(one, shown, cmap="viridis", vmin=low, vmax=high)
+        label(one, title=title, x="time after t_start [s]", grid="none")
+    norm = TwoSlopeNorm(0.0, -largest, largest)
+    change = _map(axes[0, 2], SpeedMap(observed.x_edges, observed.t_edges, difference), cmap="PuOr", norm=norm)
+    label(axes[0, 2], title="simulated − observed", x="time after t_start [s]", grid="none")
+    axes[0, 0].set_ylabel("x from the ego, moving [m]", fontsize=SIZE, color=QUIET)
+    colour_bar(figure, image, axes[:, :2], "speed − ego's at t_start [m/s]")
+    colour_bar(figure, change, axes[:, 2], "difference [m/s]")
+    return figure
+
+
 def growth_figure(stability: pd.DataFrame, growth: pd.DataFrame) -> Figure:
     """String stability over speed, and how far up the platoon each policy's disturbance reaches.
 

@@ -281,6 +281,8 @@ CLAIMS: Final = {
     "flow_rises": "flow rises",
     "speed_rises": "speed rises",
     "density_falls": "density falls",
+    "lateral_acceleration_falls": "lateral acceleration falls",
+    "far_followers_gain": "HV 5 to 10 gain most",
     "total_lowest_at_half": "total lowest at 0.5-0.6",
     "weights_trade": "weights trade losses",
 }

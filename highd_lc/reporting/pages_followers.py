@@ -18,10 +18,11 @@ from highd_lc.reporting.figures_population import ALL
 from highd_lc.reporting.figures_prediction import error_figure, externality_figure, source_label
 from highd_lc.reporting.figures_studies import fits_figure
 from highd_lc.reporting.pages_data import Column, Section, TableView, overview_page, percentage, table_view
-from highd_lc.scoring.population import mean_interval_of
+from highd_lc.scoring.population import bootstrap_of, mean_interval_of
 from highd_lc.vocab import names
 from highd_lc.vocab.driver import PARAMETERS, UNITS
 from highd_lc.vocab.policy import PAIRS
+from highd_lc.vocab.sections import StatisticsSettings
 from highd_lc.vocab.tables.prediction import CONTROL, OBSERVED
 from highd_lc.vocab.tables.summaries import BELIEVED
 
@@ -271,9 +272,10 @@ def _cost(own: pd.DataFrame, source: str) -> dict[str, Any]:
 
 
 def _interval(values: pd.Series) -> tuple[float, float]:
-    """Student's t over recordings, over events where those are fewer than five."""
+    """Over recordings, over events where those are fewer than five (equations.md 12.2)."""
     recordings = values.index.get_level_values("recording_id").to_numpy(np.int64)
-    low, high, _ = mean_interval_of(values.to_numpy(np.float64), recordings, confidence=_CONFIDENCE)
+    how = bootstrap_of(StatisticsSettings(confidence=_CONFIDENCE), seed=1)
+    low, high, _ = mean_interval_of(values.to_numpy(np.float64), recordings, how)
     return low, high
 
 

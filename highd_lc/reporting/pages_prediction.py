@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 import pandas as pd
 
-from highd_lc.drivers.prediction import DENSITIES
+from highd_lc.core.edie import DENSITIES
 from highd_lc.reporting import figures_prediction as figures
 from highd_lc.reporting import follower_words as words
 from highd_lc.reporting import html, labels
@@ -21,6 +21,7 @@ from highd_lc.reporting.pages_data import (
     table_view,
 )
 from highd_lc.reporting.pages_followers import error_sections, externality_sections
+from highd_lc.reporting.pages_waves import wave_sections
 from highd_lc.vocab import names
 from highd_lc.vocab.tables.prediction import RECORDED
 
@@ -39,6 +40,8 @@ class PredictionTables:
     dose_response: pd.DataFrame
     externality: pd.DataFrame
     externality_balance: pd.DataFrame
+    shock_waves: pd.DataFrame
+    wave_field: pd.DataFrame
     losses: pd.DataFrame
 
     @property
@@ -91,6 +94,7 @@ def _sections(tables: PredictionTables) -> Iterator[Section]:
         yield _dose_section(tables)
     yield from _strata_sections(tables)
     yield from externality_sections(tables.externality, tables.externality_balance, tables.default)
+    yield from wave_sections(tables.shock_waves, tables.wave_field, tables.default)
     yield from error_sections(tables.losses)
     yield from _extremes_sections(tables)
 
@@ -102,8 +106,8 @@ def _thresholds_section() -> Section:
         f"carriageway. Predicted well: skill at 5 and 8 s of at least {words.AIM_CONSTANT:.2f} against constant "
         f"speed and {words.AIM_NAIVE:.2f} against the best naive model, both intervals above 0; better: the "
         "interval above 0; perhaps: the skill above 0 and the interval not, or not known.",
-        "Intervals are Student's t over recordings, of a single recording over its events; below five of them "
-        "there is none.",
+        "Intervals are over recordings, as those of the gains, of a single recording over its events; below five "
+        "of them there is none.",
         f"Braking is alike where the means differ by less than a factor of {words.ALIKE:g}. The gain can be seen "
         f"where the mean absolute error in the followers' loss is at most {words.SEEN:g} × the mean absolute "
         "effect of the policies on it, and the followers are predicted better than if nothing happened.",
@@ -191,7 +195,7 @@ def _skill_section(tables: PredictionTables) -> Section:
     )
     figure = figures.skill_figure(tables.summary, tables.models, tables.default)
     known = words.has_intervals(rows)
-    lines = "Lines: intervals, from drawing recordings anew. " if known else ""
+    lines = "Lines: intervals over recordings. " if known else ""
     # Said once: where the words on top speak of these rows, they have said it.
     untold = not known and not words.told(tables.prediction_summary)
     return Section(
@@ -351,7 +355,7 @@ def _strata_sections(tables: PredictionTables) -> Iterator[Section]:
     yield Section(
         "Skill by stratum",
         (
-            f"Traffic: free up to {DENSITIES[0]:g} vehicles a kilometre and lane in view at the start, dense up "
+            f"Traffic: free up to {DENSITIES[0]:g} vehicles a kilometre and lane around the start, dense up "
             f"to {DENSITIES[1]:g}, congested above.",
             *(
                 f"After {h:g} s, against constant speed: "

@@ -11,9 +11,17 @@ from highd_lc.reporting import html, labels
 from highd_lc.reporting.html import TO_REPORT
 from highd_lc.reporting.pages_data import Column, Section, TableView, table_view
 from highd_lc.vocab import names
+from highd_lc.vocab.published import CHANGE, COMPARISONS, DIFFERENCE, LEAST, MOST, TABLE_3
+from highd_lc.vocab.tables.scenarios import NEAR, NEAR_WITHIN, NOT_VALID, REPRODUCED
 
 PAGES: Final = (("index.html", "Scenarios"), ("ledger.html", "Ledger of published numbers"))
-_VERDICT_WORDS: Final = {"holds": "holds", "fails": "fails", "unchanged": "no change", "no_plan": "no plan"}
+_VERDICT_WORDS: Final = {
+    "holds": "holds",
+    "fails": "fails",
+    "unchanged": "no change",
+    "no_plan": "no plan",
+    "not_valid": "not valid",
+}
 
 
 @dataclass(frozen=True)
@@ -82,6 +90,7 @@ _PLACE_COLUMNS: Final = (
     Column("nearest", "Nearest", digits=2),
     Column("nearest_cell", "in the cell (variant, form, accounting)"),
     Column("nearest_verdict", "Verdict"),
+    Column("not_valid", "Default cell not valid"),
     Column("note", "Note"),
 )
 _TITLES: Final = {
@@ -89,6 +98,7 @@ _TITLES: Final = {
     "2_15": "Scenario 2: a hundred followers, AV at 15 m/s",
     "2_20": "Scenario 2: a hundred followers, AV at 20 m/s",
     "3": "Scenario 3: the printed state of one recorded event",
+    TABLE_3: "Table 3: drivers fitted to recordings",
 }
 QUANTITY_WORDS: Final = {
     **labels.QUANTITIES,
@@ -96,6 +106,9 @@ QUANTITY_WORDS: Final = {
     "hv1_v_min": "lowest speed of HV 1",
     "min_time_headway_s": "shortest time headway",
     "av_v_max": "peak speed of the AV",
+    "av_vy_max": "peak lateral speed",
+    "hv_v_min": "lowest speed of the followers",
+    "paper_j": "objective of the calibration",
     "flow_veh_h": "flow",
     "speed_km_h": "speed",
     "density_veh_km": "density",
@@ -104,9 +117,19 @@ QUANTITY_WORDS: Final = {
 }
 
 
+_COMPARED: Final = {
+    CHANGE: "relative change of",
+    DIFFERENCE: "difference in",
+    LEAST: "smallest rise of the",
+    MOST: "largest rise of the",
+}
+
+
 def quantity_words(quantity: str) -> str:
-    """A quantity as a reader says it; "column rank" becomes "... of HV rank"."""
+    """A quantity as a reader says it; "column rank" becomes "... of HV rank", "change column" "change of ..."."""
     column, _, rank = quantity.partition(" ")
+    if column in _COMPARED:
+        return f"{_COMPARED[column]} {QUANTITY_WORDS.get(rank, rank)}"
     words = QUANTITY_WORDS.get(column, column)
     return f"{words}, HV {rank}" if rank else words
 
@@ -122,9 +145,9 @@ def readable_ledger(ledger: pd.DataFrame) -> pd.DataFrame:
 
 
 def ledger_sections(ledger: pd.DataFrame) -> list[Section]:
-    """One section a scenario; Table 1 behind a click."""
+    """What does reproduce, then one section a scenario; Table 1 behind a click."""
     readable = readable_ledger(ledger)
-    sections = []
+    sections = [_reproduced_section(readable)]
     for scenario, title in _TITLES.items():
         rows = readable[readable["scenario"] == scenario]
         cells = rows["quantity"].str.startswith("rectangle_")
@@ -134,6 +157,61 @@ def ledger_sections(ledger: pd.DataFrame) -> list[Section]:
             folded.append(table_view(rows[cells], _LEDGER_COLUMNS, "Table 1, vehicle by vehicle"))
         sections.append(Section(title, tables=(main,), folded=tuple(folded), anchor=f"scenario-{scenario}"))
     return sections
+
+
+def reproduced(ledger: pd.DataFrame) -> pd.DataFrame:
+    """The numbers that come out under the default options: comparisons first, each group in the paper's order.
+
+    Those of plans on a bound are among them, with the reason why they are not valid as their verdict.
+    """
+    rows = ledger[_comes_out(ledger)]
+    doubt = rows["verdict"] == NOT_VALID
+    told = rows["verdict"].where(~doubt, rows["verdict"] + ": " + rows["not_valid"])
+    return rows.assign(verdict=told).iloc[(~_compared(rows)).argsort(kind="stable")]
+
+
+def _comes_out(ledger: pd.DataFrame) -> pd.Series:
+    return ledger["verdict"].isin([REPRODUCED, NEAR]) | (
+        (ledger["verdict"] == NOT_VALID) & ((ledger["ratio"] - 1.0).abs() <= NEAR_WITHIN)
+    )
+
+
+def _compared(ledger: pd.DataFrame) -> pd.Series:
+    return ledger["quantity"].str.split(" ").str[0].isin(COMPARISONS)
+
+
+def reproduced_words(ledger: pd.DataFrame) -> str:
+    """What the paper says of the gain beside ours, and how many numbers come out under the default options."""
+    first = ledger[ledger["quantity"].isin([f"{CHANGE} loss_hv", f"{CHANGE} loss_total"])].head(2)
+    found: Iterable[Any] = first.dropna(subset="ours").itertuples()
+    pairs = [
+        f"{quantity_words(row.quantity.partition(' ')[2])} {row.ours:+.1f} % (printed {row.published:+.1f} %)"
+        for row in found
+    ]
+    doubts = sorted(set(first.loc[first["verdict"] == NOT_VALID, "not_valid"]))
+    doubt = f"; not valid, for {' and '.join(doubts)} in one of the plans" if doubts else ""
+    begin = f"From benchmark to local optimum, scenario 1: {', '.join(pairs)}{doubt}. " if pairs else ""
+    counted = [
+        f"of {len(rows)} {text} {int(_comes_out(rows).sum())} come out within 10 %, "
+        f"{int(rows['verdict'].isin([REPRODUCED, NEAR]).sum())} of them by valid plans"
+        for text, rows in (
+            ("comparisons of local optimum and benchmark", ledger[_compared(ledger)]),
+            ("levels", ledger[~_compared(ledger)]),
+        )
+    ]
+    return f"{begin}Under the default options, with a platoon in equilibrium, {'; '.join(counted)}."
+
+
+def _reproduced_section(readable: pd.DataFrame) -> Section:
+    rows = reproduced(readable)
+    columns = (Column("scenario_label", "Scenario"), *_LEDGER_COLUMNS[:6])
+    labelled = rows.assign(scenario_label=rows["scenario"].map(scenario_words))
+    return Section(
+        "What does reproduce",
+        (reproduced_words(readable),),
+        tables=(table_view(labelled, columns),),
+        anchor="reproduced",
+    )
 
 
 _CLAIM_COLUMNS: Final = (
@@ -154,6 +232,7 @@ _DETAIL_COLUMNS: Final = (
     Column("holds_text", "Holds under"),
     Column("fails_text", "Fails or nothing changes under"),
     Column("missing_text", "No plan under"),
+    Column("invalid_text", "Not valid under"),
 )
 
 
@@ -173,7 +252,12 @@ def claims_section(claims: pd.DataFrame, *, title: str = "Claims", what: str = "
         default_label=claims["default_verdict"].map(_VERDICT_WORDS),
         **{
             f"{name}_text": [", ".join(v) or "–" for v in claims[f"{column}_under"]]
-            for name, column in (("holds", "holds"), ("fails", "fails"), ("missing", "no_plan"))
+            for name, column in (
+                ("holds", "holds"),
+                ("fails", "fails"),
+                ("missing", "no_plan"),
+                ("invalid", "not_valid"),
+            )
         },
     )
     labelled["verdict"] = [_verdict_text(row) for row in labelled.itertuples()]
@@ -184,7 +268,8 @@ def claims_section(claims: pd.DataFrame, *, title: str = "Claims", what: str = "
     text = (
         f"Each cell (end speed: accounting): the verdict under the default options, then in how many of the "
         f"{what} the claim holds, of those that have both plans. “No change” means that both plans are the same, "
-        "or differ by less than 0.1 %."
+        "or differ by less than 0.1 %. “Not valid”: a plan drives into somebody, or sits on a bound of T or of "
+        "the speed; it counts for no claim."
     )
     details = table_view(
         labelled,
@@ -208,6 +293,8 @@ def _verdict_text(row: Any) -> str:
 
 def scenario_words(key: str) -> str:
     """A scenario's key as a reader says it: "2_15" is "2, AV 15 m/s"."""
+    if key == TABLE_3:
+        return "Table 3"
     number, _, speed = key.partition("_")
     return f"{number}, AV {speed} m/s" if speed else number
 
@@ -248,7 +335,8 @@ def ledger_markdown(
     readable = readable_ledger(ledger)
     short = readable[~readable["quantity"].str.startswith("rectangle_")]
     begin = "\n".join(f"{text}\n" for text in (_MARKDOWN_HEAD, *lead))
-    parts = [begin, _ledger_table(short), _MARKDOWN_CLAIMS, _claims_table(claims)]
+    first = [_MARKDOWN_REPRODUCED, f"{reproduced_words(readable)}\n", _ledger_table(reproduced(short))]
+    parts = [begin, *first, _MARKDOWN_ALL, _ledger_table(short), _MARKDOWN_CLAIMS, _claims_table(claims)]
     if swept is not None:
         parts += [_MARKDOWN_SWEEP, _claims_table(swept)]
     parts.append(_MARKDOWN_ARITHMETIC)
@@ -268,11 +356,16 @@ vehicle, paper_literal and every accounting, is `ledger.html` and `ledger.parque
 options is in `scenario_cells.parquet`. *Ours* is the default of `pipelines/scenarios.toml`, *nearest* the best of
 all cells looked at.
 """
+_MARKDOWN_REPRODUCED: Final = """## What does reproduce
+"""
+_MARKDOWN_ALL: Final = """
+## Every number
+"""
 _MARKDOWN_CLAIMS: Final = """
 ## Claims
 
 Verdict under the default options, and in how many variants of the options the claim holds, of those with both
-plans.
+plans. *Not valid*: a plan drives into somebody, or sits on a bound of T or of the speed.
 """
 _MARKDOWN_SWEEP: Final = """
 ## Claims over the sweep
@@ -307,5 +400,11 @@ def _claims_table(claims: pd.DataFrame) -> str:
 def claim_counts(claims: pd.DataFrame) -> str:
     """How many claims hold, fail or change nothing under the default options, as a phrase."""
     counts = claims["default_verdict"].value_counts()
-    phrases = {"holds": "hold", "fails": "fail", "unchanged": "show no change", "no_plan": "have no plan"}
+    phrases = {
+        "holds": "hold",
+        "fails": "fail",
+        "unchanged": "show no change",
+        "no_plan": "have no plan",
+        "not_valid": "are not valid",
+    }
     return ", ".join(f"{counts[word]} {text}" for word, text in phrases.items() if word in counts)

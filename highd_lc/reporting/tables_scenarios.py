@@ -15,6 +15,7 @@ from highd_lc.reporting.labels import RECORDED
 from highd_lc.reporting.pages_data import Column, Section, TableView, table_view
 from highd_lc.reporting.pages_scenarios import Picture, Words, claim_counts, picture_section, scenario_words
 from highd_lc.scenarios.run import DEFAULT
+from highd_lc.vocab import names
 from highd_lc.vocab.published import WEIGHTS
 from highd_lc.vocab.scenarios import ScenarioSettings
 
@@ -25,18 +26,20 @@ WORDS: Final = {
         "Plans of the AV (figure 9 of the paper)",
         "Benchmark minimises the AV's own loss, local optimum the mean of its own and the followers'. A dot marks "
         "the end of the manoeuvre; the AV drives on at its end speed.",
-        "Forward offset, lateral position, speed and acceleration of both plans over time, one column an AV "
-        "speed.",
+        "Forward offset, lateral position, speed, forward acceleration, lateral speed and lateral acceleration of "
+        "both plans over time, one column an AV speed.",
     ),
     "followers": Words(
         "Scenario 1: the followers (figure 8)",
-        "Ten followers behind the AV at 25 m/s. All of them relax at once: at v_desire = 25 m/s no spacing is in "
-        "equilibrium, the platoon held at 44 m until t_start begins to stretch. The benchmark hardly differs.",
+        "Ten followers behind the AV at 25 m/s. Under the default options the platoon is in equilibrium until "
+        "t_start: what happens after it is the lane change's doing. With v_desire = 25 m/s as printed (variant "
+        "v_desire_25) no spacing is in equilibrium and all of them begin to stretch at t_start.",
         "Trajectories in a frame that moves at 25 m/s, speeds, accelerations and time headways of ten followers.",
     ),
     "losses": Words(
         "Scenario 1: losses (figure 10)",
-        "Each bar is half of comfort and half of efficiency, AV below, followers above. Left the printed totals.",
+        "Each bar is half of comfort and half of efficiency, AV below, followers above. Left the printed totals. "
+        "*: a plan on a bound of T or of the speed, not valid.",
         "Losses of benchmark and local optimum by part, fixed and free end speed, three accountings, and as "
         "printed.",
     ),
@@ -123,7 +126,44 @@ def ledger_lead(frames: Frames) -> list[str]:
         "A cell is a variant of the options (named as in pipelines/scenarios.toml), a form and an accounting. "
         "Nothing was tuned towards the paper. The nearest cell is chosen for each number alone, after the fact; "
         f"taken together, the single cells that come nearest give (without Table 1) {alone}.",
+        *_unbound(frames["scenario_cells"]),
     ]
+
+
+_UNBOUND: Final = "v_max_50"
+
+
+def _unbound(cells: pd.DataFrame) -> Iterable[str]:
+    """What becomes of scenario 1's changes where plans may drive faster than 30 m/s, in the default form."""
+    chosen = cells[(cells["scenario"] == "1") & (cells["variant"] == _UNBOUND) & (cells["form"] == names.FIXED)]
+    chosen = chosen[chosen["accounting"] == names.FOLLOWER_HORIZON].set_index("omega_av")
+    if not set(WEIGHTS.values()) <= set(chosen.index):
+        return
+    benchmark, local = (chosen.loc[omega] for omega in WEIGHTS.values())
+    hv, total = (100.0 * (local[f"loss_{side}"] / benchmark[f"loss_{side}"] - 1.0) for side in ("hv", "total"))
+    yield (
+        f"Where plans may drive up to 50 m/s (variant {_UNBOUND}: fixed end speed, accounting of the follower "
+        f"horizon) scenario 1's local optimum reaches {local['av_v_max']:.1f} m/s, and from benchmark to it the "
+        f"followers' loss changes by {hv:+.1f} %, the total by {total:+.1f} %: how near ours come to the printed "
+        "changes hangs on the bound of 30 m/s."
+    )
+
+
+def event_link(event_id: str, has_page: bool) -> Markup:
+    """Where the paper's figures 15 and 16 have their counterpart: an event page.
+
+    event_id: empty without recordings.
+    """
+    begin = "Figures 15 and 16 of the paper show such an event: its plans, and the followers behind each of them. "
+    if not event_id:
+        return Markup("{}The page of every recorded event shows the same; there are no recordings here.").format(
+            begin
+        )
+    where = Markup('<a href="../events/{0}.html">{0}</a>').format(event_id) if has_page else event_id
+    told = "" if has_page else " (the report beside this folder has no page of it)"
+    return Markup("{}Of the recorded lane changes the nearest to the printed state is {}{}.").format(
+        begin, where, told
+    )
 
 
 def section_of(picture: Picture, frames: Frames) -> Section:
@@ -187,10 +227,9 @@ def _increments(frames: Frames) -> Tables:
         Column("loss_hv_unchanged", "without lane change", digits=2),
         Column("increment", "due to it", digits=2),
         Column("loss_total", "Total", digits=2),
+        Column("not_valid", "Not valid"),
     )
-    caption = (
-        "Most of the followers' loss is there without a lane change: the held platoon relaxes from t_start on."
-    )
+    caption = "Followers' loss over the same time with and without the lane change; “–”: no plan, or a collision."
     return [], [table_view(told, columns, caption)]
 
 

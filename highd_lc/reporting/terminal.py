@@ -254,15 +254,15 @@ def _percent(share: float, digits: int = 2) -> str:
 
 
 _SHORT = {names.PAPER: "paper", names.FOLLOWER_HORIZON: "follower", names.EQUAL: "equal"}
-_MARKS = {"holds": "yes", "fails": "NO", "unchanged": "=", "no_plan": "no plan"}
+_MARKS = {"holds": "yes", "fails": "NO", "unchanged": "=", "no_plan": "no plan", "not_valid": "n/v"}
 
 
 def claims_table(claims: pd.DataFrame) -> Table:
     """The claims of the paper by form and accounting. claims: rows of ``claims``."""
     table = Table(
         title="Claims of the paper under the default options",
-        caption="yes = holds, NO = the opposite, = : nothing changes; n/m: in n of the m variants with both\n"
-        "plans; sc. = scenario (2/15: scenario 2, AV at 15 m/s)",
+        caption="yes = holds, NO = the opposite, = : nothing changes; n/v: a plan collides, or is on a bound of\n"
+        "T or speed; n/m: in n of the m variants with both plans; sc. = scenario (2/15: AV at 15 m/s)",
         box=box.SIMPLE_HEAD,
         padding=(0, 1, 0, 0),
         title_justify="left",

@@ -7,11 +7,12 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from highd_lc.scenarios.ledger import Book, value_of
+from highd_lc.scenarios.ledger import Book, not_valid, value_of
 from highd_lc.scenarios.run import DEFAULT
 from highd_lc.vocab import names
 from highd_lc.vocab.policy import PAIRS
-from highd_lc.vocab.published import BEST_OMEGA, LOWEST_OMEGA, printed
+from highd_lc.vocab.published import BEST_OMEGA, LOWEST_OMEGA, MOST_HELPED, printed
+from highd_lc.vocab.tables.scenarios import VERDICTS
 
 FloatArray = NDArray[np.float64]
 Row = dict[str, Any]
@@ -20,6 +21,7 @@ HOLDS: Final = "holds"
 FAILS: Final = "fails"
 UNCHANGED: Final = "unchanged"
 MISSING: Final = "no_plan"
+NOT_VALID: Final = "not_valid"
 _TIE: Final = 1e-3
 
 
@@ -56,6 +58,16 @@ def _returns(benchmark: Row, local: Row) -> float:
     if faster <= 0.01:
         return 0.0
     return faster if abs(local["v_end"] / v_start - 1.0) < 0.01 else -faster
+
+
+def _most_helped(benchmark: Row, local: Row) -> float:
+    """Positive if no follower's lowest speed falls and one of those that are said to gain most does."""
+    gained = np.asarray(local["hv_v_min"]) - np.asarray(benchmark["hv_v_min"])
+    if len(gained) < MOST_HELPED[1]:
+        return np.nan
+    share = float(np.abs(gained).max() / local["v_start"])
+    most = MOST_HELPED[0] <= int(np.argmax(gained)) + 1 <= MOST_HELPED[1]
+    return share if most and gained.min() > -_TIE * local["v_start"] else -share
 
 
 def _printed(quantity: str, *scenarios: str, digits: int = 2) -> dict[str, str]:
@@ -130,6 +142,18 @@ CLAIMS: Final = (
         _printed("density_veh_km", "2_15", "2_20", digits=3),
         _falls("density_veh_km"),
     ),
+    Claim(
+        "lateral_acceleration_falls",
+        "under the local optimum the lateral acceleration is smaller",
+        {"1": "lateral speeds differ by 0.2 m/s"},
+        _falls("av_ay_max"),
+    ),
+    Claim(
+        "far_followers_gain",
+        "followers drive faster under the local optimum, HV 5 to 10 by most (ours: their lowest speeds)",
+        dict.fromkeys(("1", "2_15", "2_20"), "+1 to 5 m/s, scenario not said"),
+        _most_helped,
+    ),
 )
 """The paper's claims on its scenarios."""
 
@@ -154,8 +178,8 @@ def _claim_row(claim: Claim, scenario: str, *, form: str, accounting: str, book:
         v: judge(claim, scenario, variant=v, form=form, accounting=accounting, book=book)
         for v in book.variants(scenario)
     }
-    holds, fails, unchanged, missing = (
-        [v for v, what in found.items() if what == word] for word in (HOLDS, FAILS, UNCHANGED, MISSING)
+    holds, fails, unchanged, missing, invalid = (
+        [v for v, what in found.items() if what == word] for word in (HOLDS, FAILS, UNCHANGED, MISSING, NOT_VALID)
     )
     return {
         "claim": claim.name,
@@ -172,16 +196,22 @@ def _claim_row(claim: Claim, scenario: str, *, form: str, accounting: str, book:
         "holds_under": holds,
         "fails_under": fails + unchanged,
         "no_plan_under": missing,
+        "not_valid_under": invalid,
     }
 
 
 def judge(claim: Claim, scenario: str, *, variant: str, form: str, accounting: str, book: Book) -> str:
-    """Whether a claim holds, fails or nothing changes in a cell; no_plan where one of the plans is missing."""
+    """Whether a claim holds, fails or nothing changes in a cell; no_plan where one of the plans is missing.
+
+    not_valid where one of them collides or sits on a bound: it counts for no claim.
+    """
     pair: Sequence[Row] = [
         book.cells[scenario, variant, form, accounting, omega] for omega in book.settings.weights.values()
     ]
     if any(row["status"] != names.SOLVED for row in pair):
         return MISSING
+    if any(not_valid(row) for row in pair):
+        return NOT_VALID
     change = claim.change(*pair)
     if np.isnan(change):
         return MISSING
@@ -194,23 +224,28 @@ def weight_rows(book: Book) -> Iterator[Row]:
         for accounting in names.ACCOUNTINGS:
             av, hv = (_over_weights(book, q, form=form, accounting=accounting) for q in ("loss_av", "loss_hv"))
             total = av + hv
+            invalid = any(not_valid(row) for row in _cells_over_weights(book, form=form, accounting=accounting))
             cell = {"scenario": "1", "form": form, "accounting": accounting}
             yield cell | _verdict_row(
                 "total_lowest_at_half",
                 "the total loss is lowest at omega_AV = 0.5 to 0.6 (by construction: half of it is the objective)",
                 printed=f"at {BEST_OMEGA[0]} to {BEST_OMEGA[1]}",
-                verdict=_lowest_at_half(total, book),
+                verdict=NOT_VALID if invalid else _lowest_at_half(total, book),
             )
             yield cell | _verdict_row(
                 "weights_trade",
                 "with falling omega_AV the AV's loss rises and the followers' falls",
                 printed=", ".join(_trade_printed(quantity) for quantity in ("loss_av", "loss_hv")),
-                verdict=_trade(av, hv),
+                verdict=NOT_VALID if invalid else _trade(av, hv),
             )
 
 
+def _cells_over_weights(book: Book, *, form: str, accounting: str) -> list[Row]:
+    return [book.cells.get(("1", DEFAULT, form, accounting, omega), {}) for omega in book.settings.omegas]
+
+
 def _over_weights(book: Book, quantity: str, *, form: str, accounting: str) -> FloatArray:
-    cells = [book.cells.get(("1", DEFAULT, form, accounting, omega), {}) for omega in book.settings.omegas]
+    cells = _cells_over_weights(book, form=form, accounting=accounting)
     return np.array([value_of(cell, quantity) for cell in cells])
 
 
@@ -238,15 +273,16 @@ def _trade(av: FloatArray, hv: FloatArray) -> str:
 
 def _verdict_row(claim: str, statement: str, *, printed: str, verdict: str) -> Row:
     """A claim that one cell decides, the default one."""
-    listed = {word: [DEFAULT] if verdict == word else [] for word in (HOLDS, FAILS, UNCHANGED, MISSING)}
+    listed = {word: [DEFAULT] if verdict == word else [] for word in VERDICTS}
     return {
         "claim": claim,
         "statement": statement,
         "printed": printed,
         "default_verdict": verdict,
-        "cells": int(verdict != MISSING),
+        "cells": int(verdict not in (MISSING, NOT_VALID)),
         **{word: len(listed[word]) for word in (HOLDS, FAILS, UNCHANGED)},
         "holds_under": listed[HOLDS],
         "fails_under": listed[FAILS] + listed[UNCHANGED],
         "no_plan_under": listed[MISSING],
+        "not_valid_under": listed[NOT_VALID],
     }

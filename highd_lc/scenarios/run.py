@@ -4,7 +4,7 @@ A scenario planned and driven: plans of every weight of the AV, the platoon behi
 """
 
 import itertools
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from typing import Any, Final
@@ -15,11 +15,11 @@ from numpy.typing import NDArray
 from highd_lc.core.drive import hardest_braking
 from highd_lc.core.edie import clip_to_rectangle, edie, trajectories_of
 from highd_lc.core.losses import charge, command_jerk
-from highd_lc.core.quintic import Quintic, sample
+from highd_lc.core.quintic import PEAK_AY, Quintic, sample, z_rate
 from highd_lc.planning import planner
 from highd_lc.planning.planner import PlanningProblem
 from highd_lc.planning.pool import Goal, Pool
-from highd_lc.planning.replay import Replay, plan_motion, replay
+from highd_lc.planning.replay import AvMotion, Replay, plan_motion, replay
 from highd_lc.planning.search import search
 from highd_lc.scenarios.platoon import (
     Lead,
@@ -37,6 +37,8 @@ from highd_lc.scoring import charges
 from highd_lc.vocab import names
 from highd_lc.vocab.policy import ACCOUNTINGS
 from highd_lc.vocab.scenarios import Changes, RectangleSettings, ScenarioOptions, ScenarioSettings, SectionSettings
+from highd_lc.vocab.settings import ValidateSettings
+from highd_lc.vocab.tables.scenarios import CELL_KEYS, COLLISION, T_BOUND, V_BOUND
 
 FloatArray = NDArray[np.float64]
 
@@ -166,17 +168,49 @@ def traffic_columns(outcome: Outcome, unchanged: Platoon, *, settings: ScenarioS
 
     unchanged: the same platoon without a lane change.
     """
-    platoon, av = outcome.platoon, outcome.replay.av
+    platoon = outcome.platoon
     section = section_of(settings.section)
     return {
-        "av_v_max": float(np.hypot(av.vx, av.vy)[: av.n + 1].max()),
-        "av_v_end": outcome.plan.v_end,
         "hv1_v_min": float(platoon.v[0].min()),
+        "hv_v_min": platoon.v.min(axis=1).tolist(),
         "min_gap_m": float(gaps(platoon).min()),
         "min_time_headway_s": smallest_headway(platoon),
         "ttt_difference_s": travel_time(platoon, section) - travel_time(unchanged, section),
         **rectangle_measures(platoon, settings.rectangle),
     }
+
+
+def plan_columns(plan: Quintic, av: AvMotion) -> dict[str, Any]:
+    """A plan and what the AV reaches by it (``scenario_cells``)."""
+    return {
+        "status": names.SOLVED,
+        "T": plan.T,
+        "x_final": plan.x_final,
+        "v_end": plan.v_end,
+        "av_v_max": float(np.hypot(av.vx, av.vy)[: av.n + 1].max()),
+        "av_v_end": plan.v_end,
+        "av_vy_max": z_rate(0.5) * plan.D / plan.T,
+        "av_ay_max": PEAK_AY * plan.D / plan.T**2,
+    }
+
+
+def why_not_valid(row: Mapping[str, Any], planning: ValidateSettings) -> str:
+    """Why a cell's numbers say nothing: its plan drives into somebody, or sits on a bound of T or of the speed.
+
+    Args:
+        row: with T [s], av_v_max [m/s] and min_gap_m of ``scenario_cells``.
+        planning: the bounds.
+
+    Returns:
+        The reasons, empty if there are none (equations.md 13.8).
+    """
+    at_T = any(abs(row["T"] - bound) < 1e-9 for bound in (planning.planner.T_min, planning.planner.T_max))
+    reasons = (
+        (COLLISION, row["min_gap_m"] < 0.0),
+        (T_BOUND, at_T),
+        (V_BOUND, row["av_v_max"] > planning.constraints.v_max - _AT_BOUND),
+    )
+    return ", ".join(reason for reason, given in reasons if given)
 
 
 def smallest_headway(platoon: Platoon) -> float:
@@ -210,6 +244,13 @@ def rectangle_measures(platoon: Platoon, settings: RectangleSettings) -> dict[st
 
 
 Row = dict[str, Any]
+
+_BESIDE_CONTACTS: Final = frozenset(
+    {*(column.name for column in CELL_KEYS), "status", "T", "x_final", "v_end", "min_gap_m"}
+)
+"""What remains of a cell whose plan drives into somebody."""
+_AT_BOUND: Final = 0.05
+"""A speed counts as on its bound from this much below it on [m/s]."""
 
 DEFAULT: Final = "default"
 PAPER_LITERAL: Final = "paper_literal"
@@ -288,7 +329,7 @@ def _cell_columns(planned: Planned, cell: Cell, *, settings: ScenarioSettings, u
     row: Row = {"form": cell.form, "accounting": cell.accounting, "omega_av": cell.omega_av}
     plan = planned.plan(cell)
     if plan is None:
-        return row | {"status": planned.status}
+        return row | {"status": planned.status, "not_valid": ""}
     outcome = drive_plan(
         planned, plan, accounting=cell.accounting, followers=len(planned.problem.packed.follower_x)
     )
@@ -296,5 +337,12 @@ def _cell_columns(planned: Planned, cell: Cell, *, settings: ScenarioSettings, u
     traffic["loss_hv_unchanged"] = platoon_loss(
         planned.problem, unchanged, accounting=cell.accounting, n=outcome.replay.av.n
     )
-    shape = {"status": names.SOLVED, "T": plan.T, "x_final": plan.x_final, "v_end": plan.v_end}
-    return row | shape | outcome.losses | traffic
+    row |= plan_columns(plan, outcome.replay.av) | outcome.losses | traffic
+    return judged(row, planned.problem.settings)
+
+
+def judged(row: Row, planning: ValidateSettings) -> Row:
+    """A cell with the reason why it is not valid; what a contact made is left out of it."""
+    reason = why_not_valid(row, planning)
+    kept = row if COLLISION not in reason else {key: v for key, v in row.items() if key in _BESIDE_CONTACTS}
+    return kept | {"not_valid": reason}

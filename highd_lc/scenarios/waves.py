@@ -1,10 +1,5 @@
 """How a lane change grows or dies along a platoon of given drivers, under benchmark and local optimum.
 
-Speed of a shock wave from the cross-correlation of successive vehicles' speeds, with a bootstrap interval.
-
-A disturbance passes from a vehicle to its follower with a lag. In that time it moves from where the leader was to
-where the follower is then: displacement over lag is its speed along the road. Over a platoon both add up.
-
 String stability of the LCM: how a speed oscillation grows from leader to follower, linearised at equilibrium.
 
 With a = f(s, v, v_l) at equilibrium the transfer from leader's to follower's speed is
@@ -12,7 +7,7 @@ Gamma(i w) = (f_s + i w f_l) / (f_s - w^2 - i w f_v). No frequency grows if f_v^
 """
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Any, Final
 
@@ -23,114 +18,9 @@ from highd_lc.core.lcm import desired_spacing, equilibrium_spacing
 from highd_lc.scenarios.platoon import Platoon, PlatoonStart, Situation, situation
 from highd_lc.scenarios.run import Cell, av_lead, drive_behind, no_lane_change, plan_situation
 from highd_lc.vocab.driver import SIMULATION, TABLE3_MEANS, TABLE3_QUANTILES
-from highd_lc.vocab.errors import ShapeError
 from highd_lc.vocab.scenarios import ScenarioSettings
 
 FloatArray = NDArray[np.float64]
-
-ESTIMATED: Final = "estimated"
-NO_DISTURBANCE: Final = "no disturbance that passes on"
-
-_LEAST_CORRELATION: Final = 0.5
-_LEAST_DEVIATION: Final = 0.05
-_SHORTEST: Final = 3.0
-
-
-@dataclass(frozen=True)
-class WaveSpeed:
-    """Speed of a shock wave along the road [m/s], negative = upstream, with its interval.
-
-    pairs: of vehicles behind it; correlation: their mean at the best lag; status: ``ESTIMATED``, or why there is
-    nothing but NaN.
-    """
-
-    speed: float
-    low: float
-    high: float
-    pairs: int
-    correlation: float
-    status: str
-
-
-@dataclass(frozen=True)
-class Passage:
-    """How a disturbance passes from a vehicle to its follower: lag [s], displacement [m], correlation."""
-
-    lag: float
-    displacement: float
-    correlation: float
-
-
-def wave_speed(
-    x: FloatArray,
-    deviation: FloatArray,
-    *,
-    dt: float,
-    rng: np.random.Generator,
-    longest_lag: float = 6.0,
-    confidence: float = 0.95,
-) -> WaveSpeed:
-    """Speed of the wave that runs through successive vehicles.
-
-    x: positions [m], deviation: speeds [m/s] minus what they would be undisturbed, each of shape (p, n), the
-    foremost vehicle first, NaN before and after it is seen; dt [s]; longest_lag [s] from vehicle to vehicle. The
-    interval is a bootstrap over the pairs. Raises ShapeError when the shapes differ.
-    """
-    if x.shape != deviation.shape or x.ndim != 2:
-        raise ShapeError(f"positions have shape {x.shape}, speeds {deviation.shape}")
-    found = [
-        passage(x[i : i + 2], deviation[i : i + 2], dt=dt, longest_lag=longest_lag) for i in range(len(x) - 1)
-    ]
-    return combine([one for one in found if one is not None], rng=rng, confidence=confidence)
-
-
-def combine(passages: Sequence[Passage], *, rng: np.random.Generator, confidence: float = 0.95) -> WaveSpeed:
-    """The wave's speed from the passages of several pairs: sum of displacements over sum of lags."""
-    if len(passages) < 2:
-        return WaveSpeed(np.nan, np.nan, np.nan, len(passages), np.nan, NO_DISTURBANCE)
-    lag = np.array([p.lag for p in passages])
-    displacement = np.array([p.displacement for p in passages])
-    drawn = rng.integers(0, len(lag), (2000, len(lag)))
-    speeds = displacement[drawn].sum(axis=1) / lag[drawn].sum(axis=1)
-    low, high = np.quantile(speeds, [0.5 - confidence / 2.0, 0.5 + confidence / 2.0])
-    correlation = float(np.mean([p.correlation for p in passages]))
-    speed = float(displacement.sum() / lag.sum())
-    return WaveSpeed(speed, float(low), float(high), len(passages), correlation, ESTIMATED)
-
-
-def passage(x: FloatArray, deviation: FloatArray, *, dt: float, longest_lag: float) -> Passage | None:
-    """How the disturbance passes from the first of two vehicles to the second; shapes (2, n).
-
-    None if the first is not disturbed, or no lag between 0 and the longest one correlates by 0.5 at least.
-    """
-    seen = np.isfinite(x).all(axis=0) & np.isfinite(deviation).all(axis=0)
-    x, deviation = x[:, seen], deviation[:, seen]
-    longest = min(round(longest_lag / dt), x.shape[1] - round(_SHORTEST / dt))
-    if longest < 2 or np.std(deviation[0]) < _LEAST_DEVIATION:
-        return None
-    correlation = np.array([_correlation(deviation, k) for k in range(longest + 1)])
-    best = int(np.argmax(correlation))
-    if best in (0, longest) or correlation[best] < _LEAST_CORRELATION:
-        return None
-    lag = best + _vertex(correlation[best - 1 : best + 2])
-    moved = float(np.mean(x[1, best:] - x[0, : x.shape[1] - best]))
-    # The mean displacement belongs to the whole lag ``best``; the fraction beyond it moves with the follower.
-    moved += float(np.mean(np.diff(x[1]))) * (lag - best)
-    return Passage(lag * dt, moved, float(correlation[best]))
-
-
-def _correlation(deviation: FloatArray, lag: int) -> float:
-    """Pearson correlation of the leader's deviation with the follower's ``lag`` samples later."""
-    ahead, behind = deviation[0, : deviation.shape[1] - lag], deviation[1, lag:]
-    ahead, behind = ahead - ahead.mean(), behind - behind.mean()
-    size = float(np.sqrt((ahead @ ahead) * (behind @ behind)))
-    return float(ahead @ behind) / size if size > 0.0 else 0.0
-
-
-def _vertex(values: FloatArray) -> float:
-    """Offset of the vertex of the parabola through three values at -1, 0, 1."""
-    bend = values[0] - 2.0 * values[1] + values[2]
-    return float(0.5 * (values[0] - values[2]) / bend) if bend < 0.0 else 0.0
 
 
 @dataclass(frozen=True)

@@ -143,15 +143,17 @@ def cluster_interval(
     return ratio - reach, ratio + reach
 
 
-def mean_interval_of(values: FloatArray, recordings: IntArray, *, confidence: float) -> tuple[float, float, str]:
-    """Interval of a mean by Student's t, and its units: recordings where there are five of them, else events.
+def mean_interval_of(values: FloatArray, recordings: IntArray, bootstrap: Bootstrap) -> tuple[float, float, str]:
+    """Interval of a mean, and its units: recordings where there are five of them, else events.
 
     NaN and no units below five events.
     """
     over = "recordings" if len(np.unique(recordings)) >= LEAST_CLUSTERS else "events"
     units = recordings if over == "recordings" else np.arange(len(values))
-    low, high = cluster_interval(values, np.ones(len(values)), units, confidence=confidence)
-    return low, high, over if low == low else ""
+    if len(units) < LEAST_CLUSTERS:
+        return np.nan, np.nan, ""
+    found = mean_interval(units, values, bootstrap)
+    return found.low, found.high, over if found.low == found.low else ""
 
 
 def recording_sums(recordings: IntArray, *columns: FloatArray) -> FloatArray:

@@ -15,19 +15,67 @@ from highd_lc.planning.planner import PlanningProblem, plan_one, pose
 from highd_lc.planning.scene import Scene
 from highd_lc.stages.safety_price import plan_losses
 from highd_lc.stages.scene_drivers import read_drivers
-from highd_lc.stages.scenes import SceneTables, driven_by, make_scene
-from highd_lc.stages.statistics import PolicyLosses, validation_matrix
+from highd_lc.stages.scenes import SceneTables, driven_by, make_scene, read_scene_tables, scene_makers
+from highd_lc.stages.statistics import PolicyLosses, situations, validation_matrix
+from highd_lc.stages.validate_samples import samples
 from highd_lc.vocab import names
-from highd_lc.vocab.errors import ArtefactError
-from highd_lc.vocab.job import Job
+from highd_lc.vocab.errors import ArtefactError, told
+from highd_lc.vocab.job import Combination, Job, JobReport, Problem
 from highd_lc.vocab.policy import PAIRS
 from highd_lc.vocab.settings import ValidateSettings
 from highd_lc.vocab.tables import TABLES
 
 Row = dict[str, Any]
 
+STAGE: Final = "multiverse"
 LOSSES: Final = "multiverse_losses"
 _BENCHMARK, _LOCAL = PAIRS[names.FIXED]
+
+
+def run(job: Job) -> JobReport:
+    """Plan the sampled events of a recording under every choice; writes ``multiverse_losses``.
+
+    Events that validate could not plan are listed there, and left out here.
+    """
+    planned = artefacts.read_part(job.work, "validate", "losses", job.recording, columns=["event_id"])
+    sample = samples(job).varied & frozenset(planned["event_id"])
+    rows, problems = _plan_sample(job, sample) if sample else ([], [])
+    columns = list(TABLES[LOSSES].column_names)
+    artefacts.write_part(job, STAGE, LOSSES, pd.DataFrame(rows, columns=columns, dtype=None if rows else object))
+    return JobReport({LOSSES: len(rows)}, tuple(problems))
+
+
+def _plan_sample(job: Job, sample: frozenset[str]) -> tuple[list[Row], list[Problem]]:
+    """What the sampled events of a recording come to, and which of them cannot be planned so."""
+    settings = job.settings.validation
+    tables = read_scene_tables(job.work, job.recording, settings)
+    varied = Multiverse.of(job, tables, sample)
+    rows: list[Row] = []
+    problems = []
+    for event, (event_id, scene_of) in zip(
+        tables.events.itertuples(), scene_makers(tables, settings), strict=True
+    ):
+        if event_id not in varied.sample:
+            continue
+        try:
+            found = list(varied.rows(event, pose(scene_of(), settings)))
+        except Exception as error:
+            # One bad event never stops the others, and is left out as a whole: it is listed with its reason.
+            problems.append(Problem(job.recording, STAGE, told(event_id, error)))
+            continue
+        rows += [{"event_id": event_id, "recording_id": job.recording, **row} for row in found]
+    return rows, problems
+
+
+def combine(combination: Combination) -> JobReport:
+    """Join the parts and write the table ``multiverse``."""
+    work, settings = combination.work, combination.settings
+    artefacts.concatenate(work, STAGE, LOSSES, combination.recordings, combination.provenance)
+    found = multiverse(work, situations(work), settings=settings.validation, seed=settings.seed)
+    artefacts.write(
+        artefacts.path_of(work, "multiverse"), artefacts.to_arrow("multiverse", found, combination.provenance)
+    )
+    return JobReport({"multiverse": len(found)})
 
 
 @dataclass(frozen=True)
@@ -53,16 +101,11 @@ class Multiverse:
                 drivers[model] = read_drivers(job.work, job.recording, tables.followers, model)
         return cls(variants, replace(tables, drivers=drivers), mine)
 
-    def rows(self, event: Any, problem: PlanningProblem) -> list[tuple[str, Row]]:
-        """Rows of ``multiverse_losses`` of an event, each with the table's name.
+    def rows(self, event: Any, problem: PlanningProblem) -> Iterator[Row]:
+        """Rows of ``multiverse_losses`` of a sampled event.
 
         event: row of ``events``; problem: as the run poses it, with the default follower model.
         """
-        if event.event_id not in self.sample:
-            return []
-        return [(LOSSES, row) for row in self._rows(event, problem)]
-
-    def _rows(self, event: Any, problem: PlanningProblem) -> Iterator[Row]:
         posed = _Posed(event, problem, self.tables)
         for variant in self.variants:
             found = posed.of(variant.settings)

@@ -23,6 +23,7 @@ from highd_lc.drivers.prediction import (
 from highd_lc.drivers.responses import TIME_STEP, Behaviours, Family, Responses, Simulated, simulate
 from highd_lc.io import artefacts
 from highd_lc.planning.scene import MOMENT_OF
+from highd_lc.scoring.population import bootstrap_of
 from highd_lc.stages.prediction_tables import (
     dose_response,
     externality_balance,
@@ -30,6 +31,7 @@ from highd_lc.stages.prediction_tables import (
     prediction_summary,
 )
 from highd_lc.stages.responses import idm_fits, load_population, responses_of, save_population
+from highd_lc.stages.shock_waves import shock_waves, wave_field
 from highd_lc.vocab import names
 from highd_lc.vocab.driver import PARAMETERS
 from highd_lc.vocab.follower_names import command_parameters, own_function, parse
@@ -79,8 +81,9 @@ def predict(combination: Combination, followers: pd.DataFrame) -> None:
         rows, responses, _fits(rows, followers, work), crossfit, _chosen(settings), hardest=hardest
     )
     errors, how = prediction(judgement, scales(settings)), settings.validation
-    confidence = how.statistics.confidence
-    summary = prediction_summary(errors, how.follower_models[0], confidence=confidence)
+    bootstrap = bootstrap_of(how.statistics, seed=settings.seed)
+    summary = prediction_summary(errors, how.follower_models[0], bootstrap=bootstrap)
+    believed = {model: judgement.simulated[model] for model in how.follower_models}
     doses, charged = dose_response(errors), externality(judgement, scales(settings), controls)
     for name, frame in (
         ("responses", rows),
@@ -88,10 +91,12 @@ def predict(combination: Combination, followers: pd.DataFrame) -> None:
         ("follower_models", follower_models(judgement)),
         ("prediction", errors),
         ("prediction_summary", summary),
-        ("prediction_aims", prediction_aims(summary, doses, errors, charged, confidence=confidence)),
+        ("prediction_aims", prediction_aims(summary, doses, errors, charged, bootstrap=bootstrap)),
         ("dose_response", doses),
         ("externality", charged),
         ("externality_balance", externality_balance(controls, charged)),
+        ("shock_waves", shock_waves(rows, responses, believed, bootstrap)),
+        ("wave_field", wave_field(responses, believed)),
     ):
         table = artefacts.to_arrow(name, frame, combination.provenance)
         artefacts.write_groups(work, name, iter([table]), combination.provenance)

@@ -12,17 +12,17 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from highd_lc.core.edie import traffic_states
 from highd_lc.drivers.prediction import (
     CLOSINGS,
     COVARIATES,
-    DENSITIES,
     EXTERNALITY_HORIZONS,
     SPACINGS,
     class_labels,
 )
 from highd_lc.io import artefacts
 from highd_lc.reporting.follower_words import LOSS_COLUMNS, effects_of, followers_say
-from highd_lc.scoring.population import LEAST_CLUSTERS, cluster_interval, mean_interval_of
+from highd_lc.scoring.population import LEAST_CLUSTERS, Bootstrap, mean_interval_of, ratio_interval
 from highd_lc.vocab import names
 from highd_lc.vocab.tables import TABLES
 from highd_lc.vocab.tables.prediction import (
@@ -44,19 +44,17 @@ Row = dict[str, Any]
 
 LEAST_IN_CLASS: Final = LEAST_CLUSTERS
 """Classes of the dose-response with fewer events than this have no band."""
-_TRAFFIC: Final = np.array(["free", "dense", "congested"], dtype=object)
 
 
 def strata(frame: pd.DataFrame) -> dict[str, pd.Series]:
     """The stratum of each row of ``prediction`` in each stratification; null where it is in none."""
-    density = frame["density_vehpkm"].to_numpy(np.float64)
-    traffic = pd.Series(_TRAFFIC[np.searchsorted(DENSITIES, density, side="right") % 3], frame.index)
+    traffic = pd.Series(traffic_states(frame["density_vehpkm"].to_numpy(np.float64)), frame.index)
     return {
         "all": pd.Series("all", frame.index),
         "class": "class=" + frame["class"],
         "spacing": "spacing=" + _classes(frame["spacing_m"], SPACINGS),
         "closing": "closing=" + _classes(frame["closing_mps"], CLOSINGS),
-        "traffic": ("traffic=" + traffic).where(np.isfinite(density)),
+        "traffic": ("traffic=" + traffic).where(traffic != ""),
         "recording": "recording=" + frame["recording_id"].map("{:02d}".format),
     }
 
@@ -66,7 +64,7 @@ def _classes(values: pd.Series, bounds: tuple[float, ...]) -> pd.Series:
     return pd.Series(labels[np.searchsorted(bounds, values, side="right")], values.index)
 
 
-def prediction_summary(table: pd.DataFrame, default: str, *, confidence: float) -> pd.DataFrame:
+def prediction_summary(table: pd.DataFrame, default: str, *, bootstrap: Bootstrap) -> pd.DataFrame:
     """The table ``prediction_summary`` of HV_1. default: the model that plans."""
     first = table[table["follower"] == 1]
     columns = list(TABLES["prediction_summary"].column_names)
@@ -76,7 +74,7 @@ def prediction_summary(table: pd.DataFrame, default: str, *, confidence: float) 
     for kind, label in strata(first).items():
         for (stratum, horizon), part in first.groupby([label, "horizon_s"], sort=True):
             about = {"stratum": str(stratum), "horizon_s": float(str(horizon))}
-            found = _Stratum(part, confidence, alone=kind == "recording")
+            found = _Stratum(part, bootstrap, alone=kind == "recording")
             rows += [about | row | {"default": row["model"] == default} for row in found.rows()]
     return pd.DataFrame(rows, columns=columns).sort_values(["model", "stratum", "horizon_s"], ignore_index=True)
 
@@ -96,8 +94,8 @@ _ENDS = ("", "_low", "_high")
 class _Stratum:
     """The events of a stratum at a horizon under every model. alone: of one recording, events are the units."""
 
-    def __init__(self, part: pd.DataFrame, confidence: float, *, alone: bool) -> None:
-        self._models, self._confidence = dict(_by_model(part, _JUDGED)), confidence
+    def __init__(self, part: pd.DataFrame, bootstrap: Bootstrap, *, alone: bool) -> None:
+        self._models, self._bootstrap = dict(_by_model(part, _JUDGED)), bootstrap
         event, events = pd.factorize(part["event_id"], sort=True)
         recordings = np.empty(len(events), np.int64)
         recordings[event] = part["recording_id"]
@@ -135,8 +133,11 @@ class _Stratum:
         total = float(of.sum())
         if not total > 0.0:
             return dict.fromkeys((name + end for end in _ENDS), np.nan)
-        low, high = cluster_interval(values, of, self._units, confidence=self._confidence)
-        return {name: float(values.sum()) / total, f"{name}_low": low, f"{name}_high": high}
+        row = {name: float(values.sum()) / total, f"{name}_low": np.nan, f"{name}_high": np.nan}
+        if not self._reason:
+            found = ratio_interval(self._units, values, of, self._bootstrap)
+            row |= {f"{name}_low": found.low, f"{name}_high": found.high}
+        return row
 
 
 def _motion(own: Arrays) -> Row:
@@ -247,7 +248,7 @@ def _balance(name: str, matched: pd.DataFrame) -> Row:
 
 
 def prediction_aims(
-    summary: pd.DataFrame, doses: pd.DataFrame, table: pd.DataFrame, charged: pd.DataFrame, *, confidence: float
+    summary: pd.DataFrame, doses: pd.DataFrame, table: pd.DataFrame, charged: pd.DataFrame, *, bootstrap: Bootstrap
 ) -> pd.DataFrame:
     """The table ``prediction_aims``: what each model has to reach, and whether it does.
 
@@ -258,7 +259,7 @@ def prediction_aims(
     for model in summary["model"].unique() if len(summary) else ():
         mine = summary[summary["model"] == model]
         own = table[table["model"] == model]
-        found = [*_skill_aims(mine), *_likeness_aims(own, charged, str(model), confidence)]
+        found = [*_skill_aims(mine), *_likeness_aims(own, charged, str(model), bootstrap)]
         found += [*_dose_aims(doses[doses["model"] == model]), _contact_aim(own)]
         rows += [{"model": model, "default": bool(mine["default"].iloc[0])} | row for row in found]
     frame = pd.DataFrame(rows, columns=columns)
@@ -292,27 +293,27 @@ def _dose_aims(mine: pd.DataFrame) -> Iterator[Row]:
         yield _aim("dose_response", float(str(horizon)), value, len(within), FEW_EVENTS, low=least)
 
 
-def _likeness_aims(own: pd.DataFrame, charged: pd.DataFrame, model: str, confidence: float) -> Iterator[Row]:
+def _likeness_aims(own: pd.DataFrame, charged: pd.DataFrame, model: str, bootstrap: Bootstrap) -> Iterator[Row]:
     """Peak braking, comfort and externality beside the interval of the observed ones, over the same events."""
     first = own[(own["follower"] == 1) & ~own["contact"].astype(bool)]
     for name, horizon in product(("peak_decel", "comfort"), AIM_HORIZONS):
         rows = first[first["horizon_s"] == horizon].dropna(subset=[f"{name}_simulated", f"{name}_recorded"])
-        yield from _inside(name, horizon, rows, (f"{name}_simulated", f"{name}_recorded"), confidence)
+        yield from _inside(name, horizon, rows, (f"{name}_simulated", f"{name}_recorded"), bootstrap)
     for horizon in EXTERNALITY_HORIZONS:
         of = charged[charged["horizon_s"] == horizon].set_index("event_id")
         pair = of.loc[of["source"] == OBSERVED, ["recording_id", "loss_change"]]
         simulated = of.loc[of["source"] == model, "loss_change"].rename("simulated")
         pair = pair.join(simulated, how="inner")
-        yield from _inside("externality", horizon, pair, ("simulated", "loss_change"), confidence)
+        yield from _inside("externality", horizon, pair, ("simulated", "loss_change"), bootstrap)
 
 
 def _inside(
-    name: str, horizon: float, rows: pd.DataFrame, columns: tuple[str, str], confidence: float
+    name: str, horizon: float, rows: pd.DataFrame, columns: tuple[str, str], bootstrap: Bootstrap
 ) -> Iterator[Row]:
     if len(rows):
         simulated, observed = (rows[column].to_numpy(np.float64) for column in columns)
         recordings = rows["recording_id"].to_numpy(np.int64)
-        low, high, over = mean_interval_of(observed, recordings, confidence=confidence)
+        low, high, over = mean_interval_of(observed, recordings, bootstrap)
         row = _aim(name, horizon, float(simulated.mean()), len(rows), FEW_EVENTS, low=low, high=high)
         yield row | {"interval": over, "observed": float(observed.mean())}
 

@@ -13,6 +13,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from highd_lc.core.edie import edie
 from highd_lc.core.losses import LossTerms
 from highd_lc.drivers.identifiability import EVERYBODY, pool_idm
 from highd_lc.drivers.population import CONSTANTS, NAMES, OPTIONAL, SPREAD, Population
@@ -32,6 +33,8 @@ Row = dict[str, Any]
 
 CHANGES_LANE: Final = 1.9
 """A follower that has moved this far sideways changes lane himself and is judged until then [m]."""
+AROUND_S: Final = 5.0
+"""Time before and after t_start over which the traffic around an event is measured [s]."""
 FOLLOWED: Final = (70.0, 3.0)
 """A leader nearer than this [m] and no more than this faster or slower [m/s] is followed: his time gap counts."""
 _BEFORE, _LONG_BEFORE = 0.5, 2.0
@@ -71,7 +74,7 @@ def _event_rows(
     vehicles = [int(event["ego_id"]), *map(int, event["follower_ids"])]
     involved = [*vehicles, *_known(event[role] for role in _OTHERS)]
     drift, seen = traffic.drift_without(vehicles[0], involved), samples_in_view(scene)
-    density = traffic.density(vehicles[0], int(event["start_frame"]))
+    density = traffic.density(vehicles[0], int(event["start_frame"]), rate=float(event["frame_rate"]))
     for rank in range(1, len(vehicles)):
         track = tables.tracks[scene.event_id, names.target_follower(rank)]
         yield {
@@ -175,6 +178,8 @@ class Traffic:
         self._of = {int(str(direction)): part for direction, part in groups}
         self._direction = dict(zip(vehicles["vehicle_id"], vehicles["driving_direction"], strict=True))
         self._road = road
+        frames = vehicles[["first_frame", "last_frame"]].to_numpy(np.int64)
+        self._film = (int(frames.min()), int(frames.max())) if len(frames) else (0, 0)
 
     def drift_without(self, vehicle: int, event: list[int]) -> float:
         """The drift of the carriageway of a vehicle, from all that take no part in an event; 0 if none."""
@@ -182,12 +187,18 @@ class Traffic:
         others = own.dropna().drop(event, errors="ignore")
         return float(others.median()) if len(others) else 0.0
 
-    def density(self, vehicle: int, frame: int) -> float:
-        """Vehicles in view in a frame on the carriageway of a vehicle [veh/km and lane]; NaN if not known."""
-        direction = int(self._direction[vehicle])
+    def density(self, vehicle: int, frame: int, *, rate: float) -> float:
+        """Edie's density of the carriageway of a vehicle around a frame [veh/km and lane]; NaN if not known.
+
+        The region is the road in view over ``AROUND_S`` before and after the frame, as far as there is film.
+        rate: frames a second.
+        """
+        direction, reach = int(self._direction[vehicle]), round(AROUND_S * rate)
         own, kilometres = self._of[direction], self._road.get(direction, 0.0)
-        seen = ((own["first_frame"] <= frame) & (own["last_frame"] >= frame)).sum()
-        return float(seen) / kilometres if kilometres > 0.0 else np.nan
+        first, last = max(frame - reach, self._film[0]), min(frame + reach, self._film[1])
+        seen = own["last_frame"].clip(upper=last) - own["first_frame"].clip(lower=first) + 1
+        time, area = float(seen.clip(lower=0).sum()) / rate, 1000.0 * kilometres * (last - first + 1) / rate
+        return edie(0.0, time, area)[2] if area > 0.0 else np.nan
 
 
 def lane_kilometres(recordings: pd.DataFrame) -> dict[int, float]:

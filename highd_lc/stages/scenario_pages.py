@@ -5,7 +5,7 @@ The recordings' part of the scenarios: traffic around a real lane change, and th
 
 import io
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Final
 
@@ -15,6 +15,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from highd_lc.core.edie import Cells, clip_to_grid, trajectories_of, trajectories_of_rows
+from highd_lc.core.shock_waves import WaveSpeed, wave_speed
 from highd_lc.io import artefacts
 from highd_lc.io.atomic import whole_file
 from highd_lc.reporting import figures_scenarios as figures
@@ -29,7 +30,6 @@ from highd_lc.reporting.pages_scenarios import Picture
 from highd_lc.scenarios.ledger import KEY as PRINTED_STATE
 from highd_lc.scenarios.platoon import Platoon
 from highd_lc.scenarios.run import DEFAULT
-from highd_lc.scenarios.waves import WaveSpeed, wave_speed
 from highd_lc.vocab import names
 from highd_lc.vocab.driver import PARAMETERS
 from highd_lc.vocab.published import PUBLISHED, printed
@@ -57,15 +57,53 @@ class RecordedChange:
     wave: WaveSpeed
 
 
+@dataclass(frozen=True)
+class Recordings:
+    """What the scenarios take from a work folder; nothing by default.
+
+    fitted: LCM parameters of the fitted followers, shape (n, 6); fits: median of the paper's J over them, NaN of
+    none; change: the lane change that is drawn; nearest: event id of the lane change nearest to scenario 3's
+    printed state, empty = none.
+    """
+
+    fitted: FloatArray = field(default_factory=lambda: np.empty((0, len(PARAMETERS))))
+    fits: float = np.nan
+    change: RecordedChange | None = None
+    nearest: str = ""
+
+
 def has_recordings(work: Path | None) -> bool:
     """Whether a work folder holds what the recordings' part needs."""
     return work is not None and all(artefacts.path_of(work, name).is_file() for name in _NEEDED)
 
 
-def fitted_drivers(work: Path) -> FloatArray:
-    """LCM parameters of all followers that were fitted, shape (n, 6), in the order of the table."""
-    followers = artefacts.read(work, "followers", columns=["status", *PARAMETERS])
-    return followers.loc[followers["status"] == names.FITTED, list(PARAMETERS)].to_numpy(np.float64)
+def fitted_drivers(work: Path) -> tuple[FloatArray, float]:
+    """All followers that were fitted: LCM parameters, shape (n, 6), in the order of the table; median of J."""
+    followers = artefacts.read(work, "followers", columns=["status", "paper_j", *PARAMETERS])
+    fitted = followers[followers["status"] == names.FITTED]
+    return fitted[list(PARAMETERS)].to_numpy(np.float64), float(fitted["paper_j"].median())
+
+
+def nearest_event(work: Path, settings: ScenarioSettings) -> str:
+    """Event id of the lane change whose followers start nearest to scenario 3's printed state; empty if none.
+
+    By the sum of squared differences of spacings (10 m) and speed differences (1 m/s) to the AV.
+    """
+    state = settings.scenario_3
+    columns = ["event_id", "role", "t", "x", "vx"]
+    start = artefacts.read(work, "event_tracks", columns=columns, where=(("t", ">", -1e-9), ("t", "<", 1e-9)))
+    wide = start.pivot_table(index="event_id", columns="role", values=["x", "vx"])
+    printed_state = zip(state.spacings_m, state.speed_differences, strict=True)
+    away = pd.Series(0.0, wide.index)
+    for rank, (spacing, difference) in enumerate(printed_state, start=1):
+        role = names.target_follower(rank)
+        if ("x", role) not in wide:
+            return ""
+        behind = wide["x", names.EGO] - wide["x", role]
+        faster = wide["vx", role] - wide["vx", names.EGO]
+        away += ((behind - spacing) / 10.0) ** 2 + (faster - difference) ** 2
+    known = away.dropna()
+    return str(known.idxmin()) if len(known) else ""
 
 
 def recorded_change(work: Path, settings: ScenarioSettings) -> RecordedChange | None:
@@ -166,13 +204,16 @@ def write_pages(
     *,
     stories: Mapping[str, Story],
     settings: ScenarioSettings,
-    change: RecordedChange | None = None,
+    recordings: Recordings,
 ) -> None:
-    """Write figures (PNG), both pages and the ledger as text below ``out``. change: of a recording, if any."""
+    """Write figures (PNG), both pages and the ledger as text below ``out``."""
     sections = []
-    for picture in _pictures(frames, stories, settings=settings, change=change):
+    for picture in _pictures(frames, stories, settings=settings, change=recordings.change):
         _save(out, picture)
-        sections.append(tables.section_of(picture, frames))
+        section = tables.section_of(picture, frames)
+        if picture.name == "scenario_3":
+            section = replace(section, text=(words.event_link(recordings.nearest, _has_page(out, recordings)),))
+        sections.append(section)
     back = (out.parent / "index.html").is_file()
     lead = words.lead(frames, settings)
     index = pages.scenario_page("index.html", "The paper's scenarios", sections, lead=lead, back=back)
@@ -183,16 +224,26 @@ def write_pages(
     entries.append(pages.arithmetic_section(frames["arithmetic"]))
     title = "Every published number, ours, and the ratio"
     ledger = pages.scenario_page("ledger.html", title, entries, lead=words.ledger_lead(frames), back=back)
-    text = pages.ledger_markdown(
+    text = ledger_text(frames)
+    for name, content in (("index.html", index), ("ledger.html", ledger), ("ledger.md", text)):
+        with whole_file(out / name) as sink:
+            sink.write(content.encode("utf-8"))
+
+
+def ledger_text(frames: Frames) -> str:
+    """The ledger as Markdown, which ``docs/ledger.md`` holds for the shipped settings."""
+    return pages.ledger_markdown(
         frames["ledger"],
         frames["claims"],
         arithmetic=frames["arithmetic"],
         lead=words.ledger_lead(frames),
         swept=frames.get("sweep_claims"),
     )
-    for name, content in (("index.html", index), ("ledger.html", ledger), ("ledger.md", text)):
-        with whole_file(out / name) as sink:
-            sink.write(content.encode("utf-8"))
+
+
+def _has_page(out: Path, recordings: Recordings) -> bool:
+    """Whether the report in the folder above has a page of the nearest event."""
+    return bool(recordings.nearest) and (out.parent / "events" / f"{recordings.nearest}.html").is_file()
 
 
 def _save(out: Path, picture: Picture) -> None:

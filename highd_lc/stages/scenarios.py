@@ -10,6 +10,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from highd_lc.core.edie import edie
+from highd_lc.core.shock_waves import WaveSpeed, wave_speed
 from highd_lc.io import artefacts, workspace
 from highd_lc.io.settings import digest
 from highd_lc.reporting.figures_scenarios import Story
@@ -31,18 +32,17 @@ from highd_lc.scenarios.run import (
     rows_of_variants,
 )
 from highd_lc.scenarios.tracking import contact_rows, tracking_rows
-from highd_lc.scenarios.waves import WaveSpeed, wave_speed
 from highd_lc.stages.overview_pages import link_to_scenarios
 from highd_lc.stages.scenario_pages import (
-    RecordedChange,
+    Recordings,
     fitted_drivers,
     has_recordings,
+    nearest_event,
     recorded_change,
     state_rows,
     write_pages,
 )
 from highd_lc.vocab import published as paper
-from highd_lc.vocab.driver import PARAMETERS
 from highd_lc.vocab.errors import ArtefactError
 from highd_lc.vocab.job import Provenance
 from highd_lc.vocab.scenarios import ScenarioSettings
@@ -62,12 +62,9 @@ _MEASURES = {
 
 @dataclass(frozen=True)
 class Given:
-    """What comes from outside: LCM parameters of drivers fitted to recordings, shape (n, 6), n = 0 for none, and
+    """What comes from outside: recordings, and the cells of a sweep over the options, empty without one."""
 
-    the cells of a sweep over the options, empty without one.
-    """
-
-    fitted: FloatArray
+    recordings: Recordings
     swept: list[Row]
 
 
@@ -104,16 +101,11 @@ def scenario_frames(
 ) -> dict[str, pd.DataFrame]:
     """All tables but those of a recorded lane change, by name. threads: over the variants."""
     cells = rows_of_variants(settings, threads=threads) + rows_of_printed_state(settings)
-    book = Book.of(cells, settings)
-    drivers = waves.published_drivers()
-    if len(given.fitted):
-        drivers[f"fitted ({len(given.fitted)} followers)"] = given.fitted
+    book = Book.of(cells, settings, fits=given.recordings.fits)
+    drivers, fitted = waves.published_drivers(), given.recordings.fitted
+    if len(fitted):
+        drivers[f"fitted ({len(fitted)} followers)"] = fitted
     rows: dict[str, Iterable[Row]] = {
-        "scenario_cells": cells,
-        "ledger": ledger_rows(book, swept=given.swept),
-        "closest": closest_rows([*cells, *given.swept]),
-        "claims": claim_rows(book),
-        "arithmetic": arithmetic_rows(),
         "contacts": contact_rows(settings),
         "rectangle": rectangle_rows(book),
         "traffic_state": traffic_state_rows(book),
@@ -125,6 +117,19 @@ def scenario_frames(
     if given.swept:
         rows["scenario_sweep"] = given.swept
         rows["sweep_claims"] = claim_rows(Book.of(given.swept, settings))
+    return ledger_frames(book, given.swept) | {name: frame(name, found) for name, found in rows.items()}
+
+
+def ledger_frames(book: Book, swept: Iterable[Row] = ()) -> dict[str, pd.DataFrame]:
+    """What the ledger is made of: the cells, the published numbers beside them, claims, the paper's arithmetic."""
+    cells = list(book.cells.values())
+    rows: dict[str, Iterable[Row]] = {
+        "scenario_cells": cells,
+        "ledger": ledger_rows(book, swept=swept),
+        "closest": closest_rows([*cells, *swept]),
+        "claims": claim_rows(book),
+        "arithmetic": arithmetic_rows(),
+    }
     return {name: frame(name, found) for name, found in rows.items()}
 
 
@@ -233,9 +238,10 @@ def run(
 def _run(settings: ScenarioSettings, out: Path, *, sweep: bool, work: Path | None, threads: int) -> ScenarioReport:
     planned = default_plans(settings)
     stories = {one.situation.key: story_of(one, settings) for one in planned}
-    fitted, change, skipped = load_recordings(work, settings)
+    recordings, skipped = load_recordings(work, settings)
+    change = recordings.change
     swept = [row for part in rows_of_sweep(settings, threads=threads) for row in part] if sweep else []
-    given = Given(fitted, swept)
+    given = Given(recordings, swept)
     frames = scenario_frames(planned, stories, settings=settings, given=given, threads=threads)
     if change is not None:
         frames["recorded_state"] = frame("recorded_state", state_rows(change))
@@ -244,20 +250,18 @@ def _run(settings: ScenarioSettings, out: Path, *, sweep: bool, work: Path | Non
     provenance = Provenance(digest(settings), {}, settings.seed, workspace.code_version())
     for name, table in frames.items():
         artefacts.write(out / f"{name}.parquet", artefacts.to_arrow(name, table, provenance))
-    write_pages(out, frames, stories=stories, settings=settings, change=change)
+    write_pages(out, frames, stories=stories, settings=settings, recordings=recordings)
     link_to_scenarios(out)
     return ScenarioReport(frames, out / "index.html", skipped)
 
 
-def load_recordings(
-    work: Path | None, settings: ScenarioSettings
-) -> tuple[FloatArray, RecordedChange | None, str]:
-    """Fitted drivers and a real lane change of a work folder; none, and why, where its artefacts are of no use."""
-    none = np.empty((0, len(PARAMETERS)))
+def load_recordings(work: Path | None, settings: ScenarioSettings) -> tuple[Recordings, str]:
+    """Fitted drivers and real lane changes of a work folder; none, and why, where its artefacts are of no use."""
     if work is None or not has_recordings(work):
-        return none, None, ""
+        return Recordings(), ""
     try:
-        return fitted_drivers(work), recorded_change(work, settings), ""
+        found = recorded_change(work, settings), nearest_event(work, settings)
+        return Recordings(*fitted_drivers(work), *found), ""
     except ArtefactError as error:
         # The scenarios need no recordings: a folder of an older version must not stop them.
-        return none, None, str(error)
+        return Recordings(), str(error)

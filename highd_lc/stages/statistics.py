@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from highd_lc.core.edie import TRAFFIC_STATES, traffic_states
 from highd_lc.io import artefacts
 from highd_lc.reporting.follower_words import error_and_effect
 from highd_lc.scoring.population import (
@@ -100,6 +101,8 @@ def situations(work: Path) -> pd.DataFrame:
     events["weight"] = selection_weights(artefacts.read(work, "crossings")).reindex(events.index)
     leader = artefacts.read(work, "event_tracks", columns=["event_id", "role", "t"], where=_OF_LEADER)
     events["leader_seen_s"] = leader.groupby("event_id")["t"].max().clip(lower=0.0).reindex(events.index)
+    around = artefacts.read(work, "responses", columns=["event_id", "density"]).drop_duplicates("event_id")
+    events["density_vehpkm"] = around.set_index("event_id")["density"].astype(float).reindex(events.index)
     return events
 
 
@@ -120,11 +123,12 @@ def clusters_of(events: pd.DataFrame, settings: StatisticsSettings) -> pd.Series
     return events["location_id" if settings.clusters == "location" else "recording_id"]
 
 
-def strata(events: pd.DataFrame) -> dict[str, pd.Series]:
-    """Which events belong to each stratum: all, and the classes of each stratification (equations.md 12).
+def strata(events: pd.DataFrame, *, traffic: bool = True) -> dict[str, pd.Series]:
+    """Which events belong to each stratum: all, and the classes of each stratification (equations.md 12.3).
 
     events: one row an event, with ego_class, direction, n_followers, target_leader_id, leader_leaves_s, spacing_m
-    (ego to first follower, front to front), closing_mps (first follower minus ego), speed_mps (ego) at t_start.
+    (ego to first follower, front to front), closing_mps (first follower minus ego), speed_mps (ego) at t_start,
+    density_vehpkm. traffic: whether the traffic state is a stratification beside the speed.
     """
     found = {"all": pd.Series(True, index=events.index)}
     for column, label in (("ego_class", "class"), ("direction", "direction"), ("n_followers", "followers")):
@@ -147,6 +151,10 @@ def strata(events: pd.DataFrame) -> dict[str, pd.Series]:
             inside = (events[column] >= low) & (events[column] < high)
             if inside.any():
                 found[f"{label}={_range(low, high)}"] = inside
+    if traffic:
+        state = traffic_states(events["density_vehpkm"].to_numpy(np.float64))
+        present = [word for word in TRAFFIC_STATES if (state == word).any()]
+        found |= {f"traffic={word}": pd.Series(state == word, events.index) for word in present}
     return found
 
 
@@ -212,7 +220,9 @@ def validation_matrix(
     whose start was not chosen, count nowhere.
     """
     bootstrap = bootstrap_of(settings, seed=seed)
-    members = strata(events) if divided else {"all": pd.Series(True, events.index)}
+    members = (
+        strata(events, traffic=settings.traffic_states) if divided else {"all": pd.Series(True, events.index)}
+    )
     rows = []
     for form, (benchmark, local) in (PAIRS | ROBUST_PAIRS).items():
         for accounting in names.ACCOUNTINGS:

@@ -17,7 +17,6 @@ from highd_lc.planning.scene import Scene
 from highd_lc.planning.start_planner import plan_starts
 from highd_lc.scoring import charges
 from highd_lc.scoring.charges import Scores
-from highd_lc.stages import multiverse
 from highd_lc.stages.other_planners import OtherPlanners, leaderboard, other_rows
 from highd_lc.stages.population_tables import (
     cross_scores,
@@ -89,7 +88,7 @@ from highd_lc.vocab.settings import ValidateSettings
 from highd_lc.vocab.tables import TABLES
 
 STAGE = "validate"
-PART_TABLES = ("plans", "losses", "tracking", "safety_losses", *STUDY_TABLES, "other_plans", multiverse.LOSSES)
+PART_TABLES = ("plans", "losses", "tracking", "safety_losses", *STUDY_TABLES, "other_plans")
 
 Row = dict[str, Any]
 
@@ -106,12 +105,11 @@ def run(job: Job) -> JobReport:
     judges = judges_of(job.work, settings)
     tables = read_scene_tables(job.work, job.recording, settings, also=judges.every)
     judged = judged_drivers(job.work, job.recording) if chosen.traced else {}
-    makers, varied = scene_makers(tables, settings), multiverse.Multiverse.of(job, tables, chosen.varied)
+    makers = scene_makers(tables, settings)
     for event, (event_id, scene_of) in zip(tables.events.itertuples(), makers, strict=True):
         try:
             planned = _planned(scene_of(), tables, job, chosen, judges)
             found = list(_event_rows(planned, job, chosen, others_asked))
-            found += varied.rows(event, planned[0].tracker.problem)
             traced = list(_traces(event, planned, tables, settings, judged)) if event_id in chosen.traced else []
         except Exception as error:
             # One bad event never stops the others, and is left out as a whole: it is listed with its reason.
@@ -310,7 +308,6 @@ def _population(combination: Combination, events: pd.DataFrame) -> Iterator[tupl
     yield "tracking_summary", tracking_summary(_of_default(work, "tracking", models))
     yield "solver_summary", solver_summary(artefacts.read(work, "solver_comparison"))
     yield "leaderboard", leaderboard(work, models[0])
-    yield "multiverse", multiverse.multiverse(work, events, settings=combination.settings.validation, seed=seed)
 
 
 def _of_each_model(

@@ -46,14 +46,14 @@ class ScenarioOptions(Section):
     )
     v_desire: Annotated[
         Speed, Field(description="desired speed of the followers [m/s] (paper: 25; 29.13 has 44 m in equilibrium)")
-    ] = 25.0
+    ] = 29.13
     horizon_s: Annotated[
         float, Field(ge=1, le=60, multiple_of=0.5, description="H: accounted time [s] (equations.md 4.6)")
     ] = 15.0
     platoon_leader: Annotated[
         Literal["none", "present"],
         Field(description="a leader at the platoon's speed, one spacing ahead of HV_1, or a free road"),
-    ] = "none"
+    ] = "present"
     leader_from: Annotated[
         Literal["start", "crossing"], Field(description="from when HV_1 follows the AV (equations.md 4.4)")
     ] = "start"
@@ -63,6 +63,9 @@ class ScenarioOptions(Section):
     planned_followers: Annotated[
         int, Field(ge=1, le=100, description="followers that the plan and the loss know (scenario 1 has 10)")
     ] = 10
+    v_max: Annotated[Speed, Field(description="highest speed of a plan, scenarios 1 and 2 [m/s] (paper: 30)")] = (
+        30.0
+    )
     b_max: Annotated[
         float,
         Field(ge=0, le=20, description="hardest braking that any model may command [m/s^2]; 0 = unbounded"),
@@ -150,7 +153,7 @@ class PrintedState(Section):
 
 
 class ScenarioConstraints(ConstraintSettings):
-    """Limits of a plan in the scenarios (equations.md 5.1)."""
+    """Limits of a plan in the scenarios (equations.md 5.1); what an option sets is taken from there."""
 
     v_max: Annotated[float, Field(gt=0, le=100, description="highest speed [m/s] (paper: 30)")] = 30.0
 
@@ -246,7 +249,8 @@ class ScenarioSettings(Section):
         return ValidateSettings(
             loss=LossSettings.model_validate(loss),
             constraints=ConstraintSettings.model_validate(
-                self.constraints.model_dump() | {"ellipse": options.ellipse, "contacts": options.contacts}
+                self.constraints.model_dump()
+                | {"ellipse": options.ellipse, "contacts": options.contacts, "v_max": options.v_max}
             ),
             safety=SafetySettings(profile="paper"),
             followers=FollowerSettings(b_max=options.b_max),

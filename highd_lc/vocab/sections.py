@@ -162,6 +162,10 @@ class StatisticsSettings(BaseModel):
             "vary over recordings"
         ),
     ] = "recording"
+    traffic_states: Annotated[
+        bool,
+        Field(description="traffic state (free, dense, congested) as strata of the matrix, beside the speed"),
+    ] = True
 
 
 class RobustSettings(BaseModel):

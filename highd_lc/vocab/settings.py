@@ -374,3 +374,8 @@ class Settings(Section):
     calibrate: CalibrateSettings = CalibrateSettings()
     validation: Annotated[ValidateSettings, Field(alias="validate")] = ValidateSettings()
     report: ReportSettings = ReportSettings()
+
+    @property
+    def validation_alone(self) -> ValidateSettings:
+        """What validate reads: all of its section but the multiverse, which no other choice hangs on."""
+        return self.validation.model_copy(update={"multiverse": MultiverseSettings()})

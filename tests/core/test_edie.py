@@ -10,6 +10,7 @@ from highd_lc.core.edie import (
     clip_to_grid,
     clip_to_rectangle,
     edie,
+    traffic_states,
     trajectories_of,
     trajectories_of_rows,
 )
@@ -155,3 +156,9 @@ def test_bad_shapes_are_named():
         Trajectories(np.zeros(3), np.zeros(2), np.array([0, 3]))
     with pytest.raises(ShapeError, match="starts"):
         Trajectories(np.zeros(3), np.zeros(3), np.array([0, 2]))
+
+
+def test_traffic_states_begin_at_their_densities():
+    assert traffic_states(np.array([0.0, 10.9, 11.0, 21.9, 22.0, 60.0, np.nan])).tolist() == [
+        "free", "free", "dense", "dense", "congested", "congested", "",
+    ]  # fmt: skip

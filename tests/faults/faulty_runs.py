@@ -19,7 +19,7 @@ _OF_THE_MACHINE = {"run.log", "inputs.json", "lock"}
 
 # Forked from a server that has imported everything, a run starts in milliseconds.
 _context = multiprocessing.get_context("forkserver")
-_STAGES = ("ingest", "extract", "calibrate", "validate", "report")
+_STAGES = ("ingest", "extract", "calibrate", "validate", "multiverse", "report")
 _context.set_forkserver_preload(["highd_lc.cli", "highd_lc.engine", *(f"highd_lc.stages.{s}" for s in _STAGES)])
 
 

@@ -170,6 +170,33 @@ def aims() -> pd.DataFrame:
     return pd.DataFrame([*mine, other], columns=list(TABLES["prediction_aims"].column_names))
 
 
+def waves(*, intervals: bool = True) -> pd.DataFrame:
+    """Observed, unrelated and the model that plans, which passes waves on half a second later."""
+    half = 0.5 if intervals else np.nan
+    reason = "" if intervals else "fewer than five recordings"
+    rows = []
+    for source, share, lag in (("observed", 0.6, 1.5), ("unrelated", 0.2, 2.0), (DEFAULT, 0.5, 2.0)):
+        speed, later = -6.0 / lag, lag - 1.5
+        rows.append({
+            "source": source, "stratum": "all", "n_pairs": 40, "n_recordings": 6, "contacts": 0,
+            "passed": round(40 * share), "share_passed": share, "lag_s": lag, "displacement_m": -6.0,
+            "speed_mps": speed, "speed_low": speed - half, "speed_high": speed + half, "correlation": 0.8,
+            "n_both": 12, "lag_difference_s": later, "lag_difference_low": later - 0.4 * half,
+            "lag_difference_high": later + 0.4 * half, "reason": reason,
+        })  # fmt: skip
+    return pd.DataFrame(rows, columns=list(TABLES["shock_waves"].column_names))
+
+
+def field() -> pd.DataFrame:
+    """Two cells of each source; the model that plans is 1 m/s slower in the later one."""
+    rows = [
+        {"source": source, "x_from_m": -20.0, "x_to_m": -10.0, "t_from_s": t, "t_to_s": t + 0.5, "time_s": 5.0,
+         "speed_mps": 2.0 - (t > 0.0 and source == DEFAULT)}
+        for source in ("observed", DEFAULT) for t in (0.0, 0.5)
+    ]  # fmt: skip
+    return pd.DataFrame(rows, columns=list(TABLES["wave_field"].column_names))
+
+
 @cache
 def sample_prediction(n: int = 40, recordings: int = 6, *, intervals: bool = True) -> PredictionTables:
     """What the page on followers shows."""
@@ -178,7 +205,7 @@ def sample_prediction(n: int = 40, recordings: int = 6, *, intervals: bool = Tru
         prediction=table, prediction_summary=prediction_summary(table, intervals=intervals),
         prediction_aims=aims(),
         dose_response=dose_response(), externality=externality(table), externality_balance=balance(),
-        losses=losses(table),
+        losses=losses(table), shock_waves=waves(intervals=intervals), wave_field=field(),
     )  # fmt: skip
 
 

@@ -25,7 +25,6 @@ from sample_prediction import (
 )
 from sample_run import matrix, sample_run, sample_summary
 from sample_studies import studies
-from scipy import stats
 
 from highd_lc.reporting import figures_prediction as figures
 from highd_lc.reporting import html, labels
@@ -36,6 +35,7 @@ from highd_lc.reporting.pages_population import matrix_page
 from highd_lc.reporting.pages_prediction import prediction_page
 from highd_lc.reporting.pages_studies import studies_page
 from highd_lc.reporting.terminal import aims_table, prediction_lines, prediction_table
+from highd_lc.scoring.population import Bootstrap, mean_interval_of
 from highd_lc.vocab import names
 
 
@@ -178,12 +178,10 @@ def test_costs_are_means_by_source_and_beyond_the_controls():
 
 
 def over_recordings(values):
-    """Mean and 95 % interval as the table has them, by Student's t over recordings, written anew."""
-    groups = values.groupby(level="recording_id")
-    off = groups.apply(lambda v: (v - values.mean()).sum())
-    error = np.sqrt(len(off) / (len(off) - 1) * (off**2).sum()) / len(values)
-    reach = stats.t.ppf(0.975, len(off) - 1) * error
-    return [shown(v, 3) for v in (values.mean(), values.mean() - reach, values.mean() + reach)]
+    """Mean and 95 % interval as the table has them, by the functions of the gains."""
+    recordings = values.index.get_level_values("recording_id").to_numpy()
+    low, high, _ = mean_interval_of(values.to_numpy(), recordings, Bootstrap(2000, 0.95, 1))
+    return [shown(v, 3) for v in (values.mean(), low, high)]
 
 
 def test_covariates_out_of_balance_are_named():

@@ -37,6 +37,7 @@ def claims(**changes):
         "holds_under": ["default", "bumpers"],
         "fails_under": ["weighted"],
         "no_plan_under": [],
+        "not_valid_under": ["spacing_20"],
     }
     return pd.DataFrame([row | changes | {"form": form, "accounting": a} for form, a in CELLS])
 
@@ -46,7 +47,8 @@ def scenario_cells():
     for (form, accounting), omega in itertools.product(CELLS, (0.1, 0.5, 1.0)):
         parts = dict.fromkeys(("av_comfort", "av_efficiency", "hv_comfort", "hv_efficiency"), 10.0 + omega)
         totals = {"loss_av": 10.0 + omega, "loss_hv": 10.0 + omega, "loss_total": 20.0 + 2 * omega}
-        rows.append({"form": form, "accounting": accounting, "omega_av": omega, "v_start": 25.0} | parts | totals)
+        rows.append({"form": form, "accounting": accounting, "omega_av": omega, "v_start": 25.0, "not_valid": ""})
+        rows[-1] |= parts | totals
     return pd.DataFrame(rows)
 
 
@@ -55,6 +57,8 @@ def test_words():
     assert pages.scenario_words("3") == "3"
     assert pages.quantity_words("rectangle_time_s 4") == "time in the rectangle, HV 4"
     assert pages.quantity_words("loss_total") == "total loss"
+    assert pages.quantity_words("change loss_hv") == "relative change of followers' loss"
+    assert pages.scenario_words("table_3") == "Table 3"
 
 
 def test_claims_show_verdict_and_count_in_every_cell():
@@ -64,7 +68,7 @@ def test_claims_show_verdict_and_count_in_every_cell():
     assert row[3:] == ("holds 2/3",) * 6
     details = section.folded[0].rows
     assert len(details) == 6
-    assert details[0][-3:] == ("default, bumpers", "weighted", "–")
+    assert details[0][-4:] == ("default, bumpers", "weighted", "–", "spacing_20")
 
 
 def test_claims_of_a_sweep_are_counted_not_listed():
@@ -93,6 +97,7 @@ def test_markdown_has_a_line_for_every_number_and_contradiction():
             "verdict": ["not reproduced", "no plan", "near"],
             "nearest": [21.4, np.nan, 10.5],
             "nearest_cell": ["default, free, equal", "", "own_speed, fixed, paper"],
+            "not_valid": "",
         }
     )
     arithmetic = pd.DataFrame(
@@ -115,6 +120,35 @@ def test_markdown_has_a_line_for_every_number_and_contradiction():
     assert "over the sweep" not in text
     swept = pages.ledger_markdown(ledger, claims(), arithmetic=arithmetic, swept=claims(holds=1))
     assert "holds 1/3" in swept.split("## Claims over the sweep")[1]
+
+
+def test_the_ledger_begins_with_what_reproduces_changes_first():
+    ledger = pd.DataFrame(
+        {
+            "key": ["1:benchmark:av_efficiency", "1:benchmark:loss_av", "1:local_optimum:change loss_hv"],
+            "scenario": ["1"] * 3,
+            "policy": ["benchmark", "benchmark", "local_optimum"],
+            "quantity": ["av_efficiency", "loss_av", "change loss_hv"],
+            "unit": ["", "", "%"],
+            "published": [13.97, 21.42, -38.0],
+            "ours": [13.97, 10.36, -41.0],
+            "ratio": [1.0, 0.48, 1.08],
+            "verdict": ["reproduced", "not reproduced", "not valid"],
+            "nearest": [13.97, 21.4, -38.2],
+            "nearest_cell": ["default, fixed, equal"] * 3,
+            "not_valid": ["", "", "v_max on its bound"],
+        }
+    )
+    arithmetic = pd.DataFrame(
+        {"statement": [], "computation": pd.Series([], dtype=str), "printed": [], "verdict": []}
+    )
+    text = pages.ledger_markdown(ledger, claims(), arithmetic=arithmetic)
+    begin = text.split("## Every number")[0]
+    assert begin.index("relative change of followers' loss [%]") < begin.index("AV efficiency")
+    assert "21.42" not in begin
+    assert "followers' loss -41.0 % (printed -38.0 %); not valid, for v_max on its bound" in begin
+    assert "of 1 comparisons of local optimum and benchmark 1 come out within 10 %, 0 of them by valid" in begin
+    assert "of 2 levels 1 come out within 10 %, 1 of them by valid plans" in begin
 
 
 def test_weights_figure_shows_the_printed_points():

@@ -38,6 +38,7 @@ def test_what_is_inconsistent():
         "shortest time headway",
         "equation 4",
         "C_a, C_b",
+        "AV loss, scenario 3, benchmark",
     }
 
 

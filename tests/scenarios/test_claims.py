@@ -21,6 +21,8 @@ BASE = {
     "flow_veh_h": 1700.0,
     "speed_km_h": 75.0,
     "density_veh_km": 22.0,
+    "av_ay_max": 1.0,
+    "hv_v_min": [20.0] * 10,
 }
 
 
@@ -52,6 +54,7 @@ def judged(claim, **local):
         ("flow_rises", "flow_veh_h", 1800.0, 1600.0),
         ("speed_rises", "speed_km_h", 80.0, 70.0),
         ("density_falls", "density_veh_km", 20.0, 24.0),
+        ("lateral_acceleration_falls", "av_ay_max", 0.8, 1.2),
     ],
 )
 def test_directions(claim, column, holds, fails):
@@ -64,6 +67,25 @@ def test_returning_means_faster_first_and_the_same_speed_at_the_end():
     assert judged("av_returns", av_v_max=28.0) == "holds"
     assert judged("av_returns", av_v_max=28.0, v_end=28.0) == "fails"
     assert judged("av_returns", av_v_max=25.1) == "unchanged"
+
+
+def test_far_followers_gain_most_means_that_nobody_loses():
+    gains = [0.0, 0.0, 0.5, 1.0, 2.0, 5.0, 4.0, 3.0, 2.0, 1.0]
+    far = [20.0 + gain for gain in gains]
+    assert judged("far_followers_gain", hv_v_min=far) == "holds"
+    assert judged("far_followers_gain", hv_v_min=far[::-1]) == "holds"
+    assert judged("far_followers_gain", hv_v_min=[28.0, *far[1:]]) == "fails"
+    assert judged("far_followers_gain", hv_v_min=[19.0, *far[1:]]) == "fails"
+    assert judged("far_followers_gain", hv_v_min=[20.001] * 10) == "unchanged"
+
+
+def test_a_plan_that_is_not_valid_counts_for_no_claim():
+    assert judged("hv_loss_falls", loss_hv=15.0, not_valid="collision") == "not_valid"
+    rows = claim_rows(book_of(loss_hv=15.0, not_valid="T on its bound"))
+    row = next(r for r in rows if r["claim"] == "hv_loss_falls" and r["scenario"] == "1")
+    assert row["default_verdict"] == "not_valid"
+    assert row["cells"] == row["holds"] == 0
+    assert row["not_valid_under"] == ["default"]
 
 
 def test_no_plan_and_no_number_are_no_verdict():

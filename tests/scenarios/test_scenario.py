@@ -29,7 +29,7 @@ def test_a_held_platoon_arrives_with_its_spacing_and_speed():
 
 
 def test_a_driving_platoon_without_equilibrium_stretches():
-    posed = situation_of("2_15", pre_phase="lcm")
+    posed = situation_of("2_15", pre_phase="lcm", v_desire=25.0, platoon_leader="none")
     assert np.all(-np.diff(posed.start.front) > 44.0)
     assert posed.start.front[0] == pytest.approx(-10.0)
     assert np.all(posed.start.v[1:] < 25.0)
@@ -42,7 +42,7 @@ def test_a_platoon_in_equilibrium_stays_as_it_is():
     posed = situation_of("1", v_desire=29.13, spacing_m=spacing, platoon_leader="present", pre_phase="lcm")
     assert np.allclose(posed.start.v, 25.0, atol=1e-6)
     assert np.allclose(gaps(drive_behind(posed, leader_lead(posed))), spacing - 5.0, atol=1e-4)
-    assert settings.options.v_desire == 25.0
+    assert (settings.options.v_desire, settings.options.platoon_leader) == (29.13, "present")
 
 
 def test_44_m_at_25_mps_are_in_equilibrium_at_29_13():
@@ -54,4 +54,4 @@ def test_the_platoon_leader_is_the_target_leader():
     scene = scene_of(situation_of("1", platoon_leader="present"))
     assert scene.target_leader.x[0] == pytest.approx(44.0 - 10.0)
     assert np.allclose(np.diff(scene.target_leader.x), 2.5)
-    assert scene_of(situation_of("1")).target_leader is None
+    assert scene_of(situation_of("1", platoon_leader="none")).target_leader is None

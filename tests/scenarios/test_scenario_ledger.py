@@ -5,9 +5,20 @@ import pytest
 from few_scenarios import few_scenarios
 
 from highd_lc.scenarios.ledger import Book, ledger_rows, value_of, verdict
+from highd_lc.scenarios.run import judged, why_not_valid
 from highd_lc.vocab import names
-from highd_lc.vocab.published import PUBLISHED
-from highd_lc.vocab.tables.scenarios import NEAR, NO_PLAN, NOT_REPRODUCED, REPRODUCED
+from highd_lc.vocab.published import CHANGES, PUBLISHED, TABLE_3, printed
+from highd_lc.vocab.tables.scenarios import (
+    COLLISION,
+    NEAR,
+    NO_FITS,
+    NO_PLAN,
+    NOT_REPRODUCED,
+    NOT_VALID,
+    REPRODUCED,
+    T_BOUND,
+    V_BOUND,
+)
 
 
 def cell(scenario, variant, form, accounting, omega, **values):
@@ -57,7 +68,76 @@ def test_what_is_not_there_is_nan_and_no_plan():
 def test_every_published_number_has_a_row_of_its_own():
     keys = [row["key"] for row in ledger_rows(book())]
     assert len(keys) == len(set(keys)) == len(PUBLISHED)
-    assert len(keys) == 17 + 16 + 6 + 80
+    assert len(keys) == 17 + 16 + 6 + 80 + 1 + 18
+
+
+def pair(benchmark, local, **about):
+    cells = (("1", "default", "fixed", names.FOLLOWER_HORIZON, omega) for omega in (1.0, 0.5))
+    rows = [cell(*key, status="solved", **values) for key, values in zip(cells, (benchmark, local), strict=True)]
+    rows[1] |= about
+    return Book.of(rows, few_scenarios())
+
+
+def of_pair(book, quantity):
+    return next(r for r in ledger_rows(book) if r["key"] == f"1:local_optimum:{quantity}")
+
+
+def test_relative_changes_are_of_the_pair_and_judged():
+    row = of_pair(pair({"loss_hv": 20.0}, {"loss_hv": 12.2}), "change loss_hv")
+    assert row["published"] == -38.0
+    assert row["ours"] == row["nearest"] == pytest.approx(-39.0)
+    assert row["verdict"] == NEAR
+    risen = of_pair(pair({"loss_hv": 20.0}, {"loss_hv": 27.6}), "change loss_hv")
+    assert risen["verdict"] == NOT_REPRODUCED
+
+
+def test_printed_pairs_have_their_own_changes():
+    changes = {number.key: number.value for number in CHANGES}
+    assert changes["1:local_optimum:change loss_total"] == -10.8
+    assert changes["3:local_optimum:change loss_hv"] == pytest.approx(100 * (42.12 / 48.44 - 1))
+    for quantity, change in (("loss_total", -10.8), ("loss_hv", -38.0)):
+        benchmark, local = (printed("1", policy, quantity) for policy in (names.BENCHMARK, names.LOCAL_OPTIMUM))
+        assert 100 * (local / benchmark - 1) == pytest.approx(change, abs=0.5)
+
+
+def test_differences_of_followers_have_a_least_and_a_most():
+    book = pair({"hv_v_min": [10.0, 20.0]}, {"hv_v_min": [11.5, 24.0]})
+    assert of_pair(book, "least hv_v_min")["ours"] == pytest.approx(1.5)
+    assert of_pair(book, "most hv_v_min")["ours"] == pytest.approx(4.0)
+
+
+def test_what_is_not_valid_is_never_the_nearest():
+    row = of_pair(pair({"loss_hv": 20.0}, {"loss_hv": 12.2}, not_valid=V_BOUND), "change loss_hv")
+    assert row["ours"] == pytest.approx(-39.0)
+    assert np.isnan(row["nearest"])
+    assert (row["verdict"], row["not_valid"]) == (NOT_VALID, V_BOUND)
+    hit = of_pair(pair({"loss_hv": 20.0}, {}, not_valid=COLLISION), "change loss_hv")
+    assert np.isnan(hit["ours"])
+    assert hit["verdict"] == NOT_VALID
+
+
+def test_the_objective_of_the_fits_stands_beside_the_printed_one():
+    def fits(value):
+        book = Book.of([], few_scenarios(), fits=value)
+        return next(r for r in ledger_rows(book) if r["scenario"] == TABLE_3)
+
+    assert fits(0.095)["verdict"] == NEAR
+    assert fits(np.nan)["verdict"] == NO_FITS
+
+
+def test_a_cell_is_not_valid_on_a_bound_or_in_a_collision():
+    planning = few_scenarios().planning(few_scenarios().options)
+    good = {"T": 5.0, "av_v_max": 28.0, "min_gap_m": 0.5}
+    assert why_not_valid(good, planning) == ""
+    assert why_not_valid(good | {"T": 10.0}, planning) == T_BOUND
+    assert why_not_valid(good | {"av_v_max": 30.0}, planning) == V_BOUND
+    assert why_not_valid(good | {"min_gap_m": -0.1, "T": 2.0}, planning) == f"{COLLISION}, {T_BOUND}"
+
+
+def test_a_collision_leaves_no_loss_behind():
+    planning = few_scenarios().planning(few_scenarios().options)
+    hit = {"status": "solved", "T": 5.0, "av_v_max": 28.0, "min_gap_m": -1.0, "loss_hv": 99.0, "hv_v_min": [0.0]}
+    assert set(judged(hit, planning)) == {"status", "T", "min_gap_m", "not_valid"}
 
 
 def test_entries_of_lists_are_found_by_rank():

@@ -83,14 +83,14 @@ def test_a_motion_longer_than_the_run_is_cut():
 
 
 def test_from_crossing_hv_1_sees_a_free_road_first():
-    posed = situation_of("1", leader_from="crossing")
+    posed = situation_of("1", leader_from="crossing", platoon_leader="none")
     lead = av_lead(posed, Quintic(v0=25.0, D=3.5, T=4.0, x_final=100.0, v_end=25.0))
     assert np.isinf(lead.front[:20]).all()
     assert np.isfinite(lead.front[20:]).all()
 
 
 def test_an_av_that_is_far_away_changes_nothing():
-    posed, settings = situation_of("1"), few_scenarios()
+    posed, settings = situation_of("1", platoon_leader="none"), few_scenarios()
     far = lead_of_motion(posed, 5000.0 + np.arange(41) * 2.5, v=np.full(41, 25.0))
     driven, unchanged = drive_behind(posed, far), no_lane_change(posed)
     assert np.allclose(driven.front, unchanged.front, atol=1e-6)
@@ -102,7 +102,7 @@ def test_an_av_that_is_far_away_changes_nothing():
 def test_rectangle_totals_of_a_held_platoon():
     """At constant speed the distance is the time times it, and HV_1 drives the printed 147.2 m."""
     settings = few_scenarios()
-    posed = situation_of("1", v_desire=25.0, spacing_m=500.0)
+    posed = situation_of("1", v_desire=25.0, spacing_m=500.0, platoon_leader="none")
     distance, time = rectangle_totals(no_lane_change(posed), settings.rectangle)
     assert distance[0] == pytest.approx(147.2, abs=1e-6)
     assert time[0] == pytest.approx(147.2 / 25.0, abs=1e-6)

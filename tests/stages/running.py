@@ -5,7 +5,7 @@ from pathlib import Path
 import pandas as pd
 
 from highd_lc.io import artefacts, highd
-from highd_lc.stages import calibrate, extract, ingest, validate
+from highd_lc.stages import calibrate, extract, ingest, multiverse, validate
 from highd_lc.vocab.job import Combination, Job, JobReport, Provenance
 from highd_lc.vocab.settings import Settings
 
@@ -43,7 +43,7 @@ def ingested(data: Path, work: Path, **sections: dict[str, object]) -> JobReport
 
 
 def validated(work: Path, recordings: tuple[int, ...], settings: Settings) -> Path:
-    """All stages up to validate on the fixtures, the recordings in the order given."""
+    """All stages up to the multiverse on the fixtures, the recordings in the order given."""
     about = Provenance("settings", {}, settings.seed, "code")
     jobs = [Job(recording, FIXTURES, work, settings, about) for recording in recordings]
     combination = Combination(tuple(sorted(recordings)), work, settings, about)
@@ -52,7 +52,7 @@ def validated(work: Path, recordings: tuple[int, ...], settings: Settings) -> Pa
             stage.run(one)
         for table in tables:
             artefacts.concatenate(work, stage.STAGE, table, combination.recordings, about)
-    for stage in (calibrate, validate):
+    for stage in (calibrate, validate, multiverse):
         for one in jobs:
             stage.run(one)
         stage.combine(combination)

@@ -136,7 +136,7 @@ def events_of(losses):
     events = losses.groupby("event_id")[["recording_id"]].first()
     alike = {"ego_class": "Car", "direction": "left", "n_followers": 1, "target_leader_id": 7, "location_id": 1}
     alike |= {"weight": 1.0, "leader_seen_s": 5.0}
-    unknown = ("leader_leaves_s", "spacing_m", "closing_mps", "speed_mps")
+    unknown = ("leader_leaves_s", "spacing_m", "closing_mps", "speed_mps", "density_vehpkm")
     return events.assign(**alike, **dict.fromkeys(unknown, np.nan))
 
 

@@ -134,6 +134,7 @@ def matrix_events() -> pd.DataFrame:
         target_leader_id=5.0,
         leader_leaves_s=np.nan,
         speed_mps=30.0,
+        density_vehpkm=np.where(np.arange(len(IDS)) % 4 == 0, 25.0, 9.0),
         leader_seen_s=6.0,
         weight=np.where(np.arange(len(IDS)) % 2 == 0, 3.0, 1.0),
     )
@@ -143,6 +144,17 @@ def matrix_of(unchanged: float, **settings) -> pd.DataFrame:
     losses = PolicyLosses(with_unchanged(made_losses(), unchanged))
     found = validation_matrix(matrix_events(), losses, STATISTICS.model_copy(update=settings), seed=1)
     return found[found["stratum"] == "all"].set_index("accounting")
+
+
+def test_the_traffic_state_is_a_stratum_where_it_is_asked_for():
+    losses = PolicyLosses(with_unchanged(made_losses(), 16.0))
+    found = validation_matrix(matrix_events(), losses, STATISTICS, seed=1)
+    counts = found[found["accounting"] == names.EQUAL].set_index("stratum")["n_events"]
+    assert (counts["traffic=free"], counts["traffic=congested"]) == (15, 5)
+    assert "traffic=dense" not in counts
+    assert counts["speed=25 to 33"] == counts["all"] == len(IDS) == 20
+    alone = STATISTICS.model_copy(update={"traffic_states": False})
+    assert not validation_matrix(matrix_events(), losses, alone, seed=1)["stratum"].str.contains("traffic").any()
 
 
 def test_the_incremental_gain_is_of_the_loss_above_no_lane_change():

@@ -1,10 +1,13 @@
 """What errors of prediction come to: the same events on both sides, exact intervals, verdicts, aims."""
 
+from dataclasses import replace
+
 import numpy as np
 import pandas as pd
 import pytest
 from scipy import stats
 
+from highd_lc.scoring.population import Bootstrap, ratio_interval
 from highd_lc.stages.prediction_tables import (
     dose_response,
     externality_balance,
@@ -15,6 +18,7 @@ from highd_lc.vocab import names
 from highd_lc.vocab.tables import TABLES
 
 MODEL = "mine"
+HOW = Bootstrap(200, 0.95, 1)
 
 
 def predicted(n: int = 12, recordings: int = 6, *, seed: int = 1, **columns: object) -> pd.DataFrame:
@@ -46,7 +50,7 @@ def test_strata_name_class_traffic_spacing_closing_and_recording():
     table.loc[table["model"] != MODEL, "density_vehpkm"] = table.loc[
         table["model"] == MODEL, "density_vehpkm"
     ].array
-    summary = prediction_summary(table, MODEL, confidence=0.95)
+    summary = prediction_summary(table, MODEL, bootstrap=HOW)
     counts = summary[summary["model"] == MODEL].set_index("stratum")["n_events"].to_dict()
     assert counts == {
         "all": 12, "class=Car": 12, "spacing=< 20": 12, "closing=< -2": 12, "traffic=free": 3, "traffic=dense": 3,
@@ -60,7 +64,10 @@ def test_a_recording_has_an_interval_over_its_events_by_student_s_t():
     rng = np.random.default_rng(0)
     mine = table["model"] == MODEL
     table.loc[mine, "error_speed_mps"] *= rng.uniform(1.0, 4.0, mine.sum())
-    row = row_of(prediction_summary(table, MODEL, confidence=0.9), stratum="recording=02")
+    row = row_of(
+        prediction_summary(table, MODEL, bootstrap=replace(HOW, confidence=0.9, method="t")),
+        stratum="recording=02",
+    )
     sizes = table[table["recording_id"] == 2].pivot_table(
         index="event_id", columns="model", values="error_speed_mps", aggfunc=lambda e: abs(e).sum()
     )
@@ -73,13 +80,29 @@ def test_a_recording_has_an_interval_over_its_events_by_student_s_t():
     assert (row["interval"], row["reason"]) == ("events", "")
 
 
+def test_intervals_over_recordings_are_those_of_the_gains():
+    table = predicted(60, 8, seed=3)
+    row = row_of(prediction_summary(table, MODEL, bootstrap=HOW), stratum="all")
+    mine = table[table["model"] == MODEL]
+    size, ones = mine["error_speed_mps"].abs().to_numpy(), np.ones(len(mine))
+    found = ratio_interval(mine["recording_id"].to_numpy(), size, ones, HOW)
+    assert (row["mae_low"], row["mae_high"]) == pytest.approx((found.low, found.high))
+    assert found.low < size.mean() < found.high
+
+
+@pytest.mark.parametrize("method", ["bootstrap_t", "t", "percentile"])
+def test_below_five_recordings_no_method_gives_an_interval(method):
+    row = row_of(prediction_summary(predicted(16, 4), MODEL, bootstrap=replace(HOW, method=method)), stratum="all")
+    assert np.isnan([row["mae_low"], row["skill_constant_high"]]).all()
+
+
 def test_below_five_units_there_is_no_interval_and_a_reason():
-    summary = prediction_summary(predicted(16, 4), MODEL, confidence=0.95)
+    summary = prediction_summary(predicted(16, 4), MODEL, bootstrap=HOW)
     whole, one = (row_of(summary, stratum=s) for s in ("all", "recording=01"))
     assert (whole["interval"], whole["reason"]) == ("", "fewer than five recordings")
     assert (one["interval"], one["reason"]) == ("", "fewer than five events")
     assert np.isnan([whole["skill_constant_low"], one["skill_constant_low"], whole["bias_high"]]).all()
-    several = row_of(prediction_summary(predicted(16, 5), MODEL, confidence=0.95), stratum="all")
+    several = row_of(prediction_summary(predicted(16, 5), MODEL, bootstrap=HOW), stratum="all")
     assert (several["interval"], several["reason"]) == ("recordings", "")
     assert several["skill_constant"] == pytest.approx(0.5)
 
@@ -89,7 +112,7 @@ def test_recorded_contacts_stand_beside_the_model_s():
     table = predicted(
         contact=contact, contact_recorded=np.arange(12) == 7, loss_simulated=np.where(contact, 99, 4.0)
     )
-    row = row_of(prediction_summary(table, MODEL, confidence=0.95), stratum="all")
+    row = row_of(prediction_summary(table, MODEL, bootstrap=HOW), stratum="all")
     assert (row["contacts"], row["contacts_recorded"], row["loss_error"]) == (3, 1, 1.0)
     assert row["peak_decel_recorded"] == pytest.approx(0.2 + 0.01 * np.arange(3, 12).mean())
 
@@ -128,9 +151,9 @@ def charged(table: pd.DataFrame, observed: np.ndarray, simulated: float) -> pd.D
 
 def aims_of(table: pd.DataFrame, observed: np.ndarray | None = None, simulated: float = 0.4) -> pd.DataFrame:
     observed = np.linspace(0.0, 1.0, 12) if observed is None else observed
-    summary = prediction_summary(table, MODEL, confidence=0.95)
+    summary = prediction_summary(table, MODEL, bootstrap=HOW)
     return prediction_aims(
-        summary, dose_response(table), table, charged(table, observed, simulated), confidence=0.95
+        summary, dose_response(table), table, charged(table, observed, simulated), bootstrap=HOW
     )
 
 
@@ -194,8 +217,8 @@ def test_the_balance_is_of_the_events_that_are_charged():
 
 def test_nobody_has_no_rows_and_no_aims():
     nobody = predicted().iloc[:0]
-    summary, doses = prediction_summary(nobody, MODEL, confidence=0.95), dose_response(nobody)
+    summary, doses = prediction_summary(nobody, MODEL, bootstrap=HOW), dose_response(nobody)
     none = pd.DataFrame(columns=list(TABLES["externality"].column_names))
     assert summary.empty
     assert doses.empty
-    assert prediction_aims(summary, doses, nobody, none, confidence=0.95).empty
+    assert prediction_aims(summary, doses, nobody, none, bootstrap=HOW).empty

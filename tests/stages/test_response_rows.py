@@ -7,6 +7,7 @@ import pandas as pd
 import pytest
 from random_scenes import random_scene
 
+from highd_lc.core.edie import clip_to_grid, trajectories_of
 from highd_lc.drivers.prediction import Scales, motion_loss
 from highd_lc.planning.candidates import loss_terms
 from highd_lc.planning.scene import Motion
@@ -23,7 +24,7 @@ def vehicles() -> pd.DataFrame:
     })  # fmt: skip
 
 
-def test_density_counts_the_carriageway_s_vehicles_in_view_a_kilometre_and_lane():
+def test_density_is_edies_over_the_road_in_view_and_five_seconds_on_either_side():
     recordings = pd.DataFrame({
         "driving_direction": [1, 2], "markings": [[0.0, 3.7, 7.4], [0.0, 3.7, 7.4, 11.1]], "entry_m": [10.0, 0.0],
         "exit_m": [410.0, 400.0],
@@ -31,10 +32,28 @@ def test_density_counts_the_carriageway_s_vehicles_in_view_a_kilometre_and_lane(
     road = lane_kilometres(recordings)
     assert road == pytest.approx({1: 0.8, 2: 1.2})
     traffic = Traffic(vehicles(), road)
-    assert traffic.density(1, 4) == pytest.approx(1 / 0.8)
-    assert traffic.density(1, 20) == pytest.approx(3 / 0.8)
-    assert traffic.density(9, 20) == pytest.approx(1 / 1.2)
-    assert np.isnan(Traffic(vehicles(), {}).density(1, 20))
+    # At two frames a second: frames 20 to 40, of which vehicles 1 and 2 are in 1, 3 in 11, 4 in 10.
+    assert traffic.density(1, 30, rate=2.0) == pytest.approx((1 + 1 + 11 + 10) / 21 / 0.8)
+    # The film begins with frame 1: vehicle 1 is in frames 1 to 11, 2 in 5 to 11, 3 in 10 and 11.
+    assert traffic.density(1, 1, rate=2.0) == pytest.approx((11 + 7 + 2) / 11 / 0.8)
+    assert traffic.density(9, 20, rate=2.0) == pytest.approx(1 / 1.2)
+    assert np.isnan(Traffic(vehicles(), {}).density(1, 20, rate=2.0))
+
+
+def test_density_is_that_of_trajectories_clipped_to_the_region():
+    """Twin: the same vehicles at constant speed through the section, by exact clipping."""
+    frames, rate, metres = 200, 5.0, 400.0
+    t, v, entries = np.arange(1, frames + 1) / rate, 25.0, np.arange(0.0, 38.0, 1.7)
+    x = np.where(t >= entries[:, None], v * (t - entries[:, None]), np.nan)
+    x = np.where(x <= metres, x, np.nan)
+    seen = [np.flatnonzero(np.isfinite(row)) + 1 for row in x]
+    made = pd.DataFrame({
+        "vehicle_id": np.arange(len(x)), "driving_direction": 1, "first_frame": [s[0] for s in seen],
+        "last_frame": [s[-1] for s in seen], "mean_acceleration": 0.0,
+    })  # fmt: skip
+    cells = clip_to_grid(trajectories_of(t, x), x_edges=np.array([0.0, metres]), t_edges=np.array([15.0, 25.0]))
+    found = Traffic(made, {1: metres / 1000.0}).density(0, 100, rate=rate)
+    assert found == pytest.approx(1000.0 * cells.density[0, 0], rel=0.03)
 
 
 def test_the_drift_is_the_median_of_the_others_of_the_carriageway():

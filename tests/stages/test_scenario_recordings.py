@@ -9,7 +9,13 @@ from running import job
 from highd_lc.io import artefacts
 from highd_lc.io import settings as settings_file
 from highd_lc.stages import calibrate, extract, ingest
-from highd_lc.stages.scenario_pages import fitted_drivers, has_recordings, recorded_change, state_rows
+from highd_lc.stages.scenario_pages import (
+    fitted_drivers,
+    has_recordings,
+    nearest_event,
+    recorded_change,
+    state_rows,
+)
 from highd_lc.stages.scenarios import load_recordings
 from highd_lc.vocab.job import Combination
 from highd_lc.vocab.scenarios import ScenarioSettings
@@ -71,21 +77,43 @@ def test_rows_are_the_cells(work):
 
 def test_fitted_drivers_are_those_of_the_table(work):
     followers = artefacts.read(work, "followers")
-    drivers = fitted_drivers(work)
-    assert drivers.shape == ((followers["status"] == "fitted").sum(), 6)
+    drivers, fits = fitted_drivers(work)
+    fitted = followers[followers["status"] == "fitted"]
+    assert drivers.shape == (len(fitted), 6)
     assert len(drivers) > 0
+    assert fits == fitted["paper_j"].median()
+
+
+def test_the_nearest_event_is_nearest_to_the_printed_state(work):
+    """A state taken from an event of its own finds that event."""
+    start = artefacts.read(work, "event_tracks")
+    start = start[start["t"].abs() < 1e-9]
+    wide = start.pivot_table(index="event_id", columns="role", values=["x", "vx"]).dropna(
+        subset=[("x", f"target_follower_{rank}") for rank in (1, 2, 3)]
+    )
+    for event_id, row in wide.iterrows():
+        state = SETTINGS.scenario_3.model_copy(
+            update={
+                "spacings_m": tuple(-row["x", f"target_follower_{r}"] + row["x", "ego"] for r in (1, 2, 3)),
+                "speed_differences": tuple(
+                    row["vx", f"target_follower_{r}"] - row["vx", "ego"] for r in (1, 2, 3)
+                ),
+            }
+        )
+        assert nearest_event(work, SETTINGS.model_copy(update={"scenario_3": state})) == event_id
+    assert len(wide) > 0
 
 
 def test_without_recordings_there_is_nothing(tmp_path):
     assert not has_recordings(tmp_path)
-    drivers, change, skipped = load_recordings(tmp_path, SETTINGS)
-    assert (len(drivers), change, skipped) == (0, None, "")
+    found, skipped = load_recordings(tmp_path, SETTINGS)
+    assert (len(found.fitted), found.change, found.nearest, skipped) == (0, None, "", "")
 
 
 def test_artefacts_of_no_use_are_left_out_with_a_reason(tmp_path):
     for name in ("events", "vehicles", "followers"):
         (tmp_path / f"{name}.parquet").write_bytes(b"not parquet")
-    drivers, change, skipped = load_recordings(tmp_path, SETTINGS)
-    assert len(drivers) == 0
-    assert change is None
+    found, skipped = load_recordings(tmp_path, SETTINGS)
+    assert len(found.fitted) == 0
+    assert found.change is None
     assert "parquet" in skipped

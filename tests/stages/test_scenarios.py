@@ -74,7 +74,7 @@ def test_pages_ask_for_nothing_outside(made, page):
 
 
 def test_ledger_page_shows_every_number(made):
-    text = (made.page.parent / "ledger.html").read_text(encoding="utf-8")
+    text = (made.page.parent / "ledger.html").read_text(encoding="utf-8").replace("−", "-")
     for value in made.frames["ledger"]["published"]:
         assert f"{value:.2f}" in text
 
@@ -86,11 +86,16 @@ def test_table_2_from_the_printed_table_1(made):
 
 
 def test_our_table_2_is_edie_of_our_table_1(made):
-    totals = made.frames["rectangle"].groupby(["scenario", "policy"])[["time_s", "distance_m"]].sum()
+    totals = made.frames["rectangle"].groupby(["scenario", "policy"])[["time_s", "distance_m"]]
+    totals = totals.sum(min_count=1)
     state = made.frames["traffic_state"].set_index(["scenario", "policy", "measure"])["ours"]
     for (scenario, policy), row in totals.iterrows():
-        assert state[scenario, policy, "flow"] == pytest.approx(3600 * row["distance_m"] / 3375.0)
-        assert state[scenario, policy, "speed"] == pytest.approx(3.6 * row["distance_m"] / row["time_s"])
+        # At 15 m/s HV_1 drives into the AV where the 10 m are between centres: no number is kept.
+        assert row.isna().all() == (scenario == "2_15")
+        assert state[scenario, policy, "flow"] == pytest.approx(3600 * row["distance_m"] / 3375.0, nan_ok=True)
+        assert state[scenario, policy, "speed"] == pytest.approx(
+            3.6 * row["distance_m"] / row["time_s"], nan_ok=True
+        )
 
 
 def test_ledger_agrees_with_the_cells(made):

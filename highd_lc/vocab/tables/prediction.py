@@ -8,6 +8,7 @@ from highd_lc.vocab.tables.columns import Column, Table, count, number, word
 RECORDED: Final = "recorded"
 OBSERVED: Final = "observed"
 CONTROL: Final = "control"
+UNRELATED: Final = "unrelated"
 
 FEW_RECORDINGS: Final = "fewer than five recordings"
 FEW_EVENTS: Final = "fewer than five events"
@@ -33,6 +34,7 @@ _EVENT = word("event_id", "RR-VVVV-FFFFF: recording, ego, crossing frame")
 _RECORDING = Column("recording_id", "int64", "number in the recording's file name", minimum=0)
 _FOLLOWER = Column("follower", "int64", "rank, 1 = nearest to the ego", minimum=1)
 _MODEL = word("model", "follower model (equations.md 3)")
+_DENSITY = "Edie's density of the carriageway, 5 s before to 5 s after t_start, a lane"
 _HORIZON = number("horizon_s", "time from t_start", "s", nullable=False, minimum=0)
 
 _FAMILIES = (*names.FAMILIES, names.FUNCTION)
@@ -88,9 +90,7 @@ PREDICTION = Table(
         number("spacing_m", "front to front, from the follower to whom it gets as leader, at t_start", "m"),
         number("closing_mps", "speed over that leader's at t_start", "m/s"),
         number("speed_mps", "speed at t_start", "m/s"),
-        number(
-            "density_vehpkm", "the carriageway's vehicles in view at t_start, a km and lane", "veh/km", minimum=0
-        ),
+        number("density_vehpkm", _DENSITY, "veh/km", minimum=0),
         number("error_speed_mps", "simulated minus recorded speed at the horizon", "m/s"),
         number("error_position_m", "simulated minus recorded position at the horizon", "m"),
         number("rmse_speed_mps", "root mean square error of speed from 0 to the horizon", "m/s", minimum=0),
@@ -242,7 +242,7 @@ RESPONSES = Table(
         number("a_0", "mean recorded acceleration over the 0.5 s before t_start", "m/s²", nullable=False),
         number("a_lasting", "the same over the 2 s before t_start, as far as in view", "m/s²", nullable=False),
         number("drift", "median acceleration of the carriageway's other vehicles", "m/s²", nullable=False),
-        number("density", "the carriageway's vehicles in view at t_start, a km and lane", "veh/km", minimum=0),
+        number("density", _DENSITY, "veh/km", minimum=0),
         Column("idm", "list<float64>", "IDM fitted before t_start: v_desire, A, b, T, s0; else empty"),
         number("time_gap", "time gap to the leader at t_start; null unless it was followed", "s"),
         *(
@@ -275,6 +275,52 @@ CONTROLS = Table(
             for who, word_ in (("event", "follower"), ("control", "controls, on average"))
             for name in ("speed", "acceleration", "spacing", "closing")
         ),
+    ),
+)
+
+SHOCK_WAVES = Table(
+    "shock_waves",
+    "source and stratum: the wave from vehicle to vehicle behind recorded lane changes (equations.md 3.15)",
+    ("source", "stratum"),
+    (
+        word("source", "observed, unrelated (pairs of two events: what chance makes), or the follower model"),
+        word("stratum", "all, or a traffic state"),
+        count("n_pairs", "pairs of follower and leader that are in view for 7 s"),
+        count("n_recordings", "recordings that they are of"),
+        count("contacts", "pairs left out of what follows: a contact under the model, or no other event"),
+        count("passed", "pairs from one to the other of which a disturbance passes on"),
+        number("share_passed", "those over all pairs", minimum=0, maximum=1),
+        number("lag_s", "mean time after which it reaches the follower", "s"),
+        number("displacement_m", "mean way along the road that it makes in that time", "m"),
+        number("speed_mps", "speed of the wave along the road: sum of ways over sum of lags", "m/s"),
+        number("speed_low", "lower end of its interval over recordings", "m/s"),
+        number("speed_high", "upper end", "m/s"),
+        number("correlation", "mean correlation at the best lag"),
+        count("n_both", "pairs of which one passes on both as observed and here"),
+        number("lag_difference_s", "mean of lag here minus observed lag over these", "s"),
+        number("lag_difference_low", "lower end of its interval over recordings", "s"),
+        number("lag_difference_high", "upper end", "s"),
+        word("reason", "why there is no interval, else empty"),
+    ),
+)
+
+WAVE_FIELD = Table(
+    "wave_field",
+    "source and cell of space and time behind recorded lane changes laid over each other (equations.md 3.15)",
+    ("source", "x_from_m", "t_from_s"),
+    (
+        word("source", "observed, or the follower model"),
+        number(
+            "x_from_m",
+            "upstream border, from the ego's centre at t_start, moving with its speed then",
+            "m",
+            nullable=False,
+        ),
+        number("x_to_m", "downstream border", "m", nullable=False),
+        number("t_from_s", "begin, from t_start on", "s", nullable=False),
+        number("t_to_s", "end", "s", nullable=False),
+        number("time_s", "time of all followers in the cell", "s", nullable=False, minimum=0),
+        number("speed_mps", "Edie's speed in it, relative to the ego's at t_start", "m/s", nullable=False),
     ),
 )
 
@@ -314,5 +360,5 @@ PREDICTION_TABLES: Final = (
     RESPONSES,
     CONTROLS,
     FOLLOWER_MODELS, PREDICTION, PREDICTION_SUMMARY, PREDICTION_AIMS, DOSE_RESPONSE, EXTERNALITY,
-    EXTERNALITY_BALANCE, TRAJECTORIES,
+    EXTERNALITY_BALANCE, SHOCK_WAVES, WAVE_FIELD, TRAJECTORIES,
 )  # fmt: skip

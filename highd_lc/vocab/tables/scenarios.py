@@ -3,20 +3,30 @@
 from typing import Final
 
 from highd_lc.vocab import names
+from highd_lc.vocab.published import RECORDED_FITS, TABLE_3
 from highd_lc.vocab.tables.columns import Column, Table, count, number, word
 
-VERDICTS: Final = ("holds", "fails", "unchanged", "no_plan")
+VERDICTS: Final = ("holds", "fails", "unchanged", "no_plan", "not_valid")
 """Verdicts on a claim."""
 REPRODUCED: Final = "reproduced"
 NEAR: Final = "near"
 NOT_REPRODUCED: Final = "not reproduced"
 NO_PLAN: Final = "no plan"
-LEDGER_VERDICTS: Final = (REPRODUCED, NEAR, NOT_REPRODUCED, NO_PLAN)
-"""Verdicts on a published number: within 1 %, within 10 %, farther off, nothing to compare."""
+NOT_VALID: Final = "not valid"
+REPRODUCED_WITHIN: Final = 0.01
+NEAR_WITHIN: Final = 0.10
+NO_FITS: Final = "no recordings"
+LEDGER_VERDICTS: Final = (REPRODUCED, NEAR, NOT_REPRODUCED, NO_PLAN, NOT_VALID, NO_FITS)
+"""Verdicts on a published number: within 1 %, within 10 %, farther off, no plan, of a plan that says nothing
+(``not_valid``), no drivers fitted."""
+
+COLLISION: Final = "collision"
+T_BOUND: Final = "T on its bound"
+V_BOUND: Final = "v_max on its bound"
 
 _SCENARIO = word("scenario", "1, 2_15, 2_20 (scenario 2 with the AV at 15 or 20 m/s), 3")
 _POLICY = word("policy", "benchmark or local_optimum", names.POLICIES)
-_CELL = (
+CELL_KEYS: Final = (
     _SCENARIO,
     word("variant", "name of the changed option, default = none"),
     word("form", "end speed of the plan", names.FORMS),
@@ -36,6 +46,7 @@ _OPTIONS = (
     word("leader_from", "from when HV_1 follows the AV", ("start", "crossing")),
     word("ellipse", "semi-axes of the safety ellipses", ("circumscribed", "paper")),
     count("planned_followers", "followers that the plan and the loss know"),
+    number("v_max", "highest speed of a plan", "m/s", nullable=False),
     number(
         "b_max", "hardest braking that any model may command; 0 = unbounded", "m/s^2", nullable=False, minimum=0
     ),
@@ -55,9 +66,15 @@ _OUTCOME = (
     number("hv_efficiency", "their efficiency, normalised"),
     number("loss_total", "loss_av + loss_hv"),
     number("loss_hv_unchanged", "loss of the followers over the same time without a lane change"),
+    word(
+        "not_valid", "why the cell says nothing: collision (its other numbers are left out), bound; empty = valid"
+    ),
     number("av_v_max", "highest speed of the AV", "m/s"),
     number("av_v_end", "its speed after the manoeuvre", "m/s"),
+    number("av_vy_max", "its highest lateral speed", "m/s"),
+    number("av_ay_max", "its highest lateral acceleration", "m/s^2"),
     number("hv1_v_min", "lowest speed of HV_1", "m/s"),
+    Column("hv_v_min", "list<float64>", "lowest speed of each follower that the plan knows [m/s]", nullable=True),
     number("min_gap_m", "smallest gap of a pair on the target lane, HV_1 behind the AV from t_start", "m"),
     number("min_time_headway_s", "smallest time headway of HV_1 behind the AV", "s"),
     number("ttt_difference_s", "total travel time over the section minus that without lane change", "s"),
@@ -72,10 +89,13 @@ CELLS = Table(
     "scenario_cells",
     "scenario, variant, form, accounting and weight of the AV",
     ("scenario", "variant", "form", "accounting", "omega_av"),
-    (*_CELL, *_OPTIONS, *_OUTCOME),
+    (*CELL_KEYS, *_OPTIONS, *_OUTCOME),
 )
 SWEEP = Table(
-    "scenario_sweep", "combination of the named options (all of them)", CELLS.order, (*_CELL, *_OPTIONS, *_OUTCOME)
+    "scenario_sweep",
+    "combination of the named options (all of them)",
+    CELLS.order,
+    (*CELL_KEYS, *_OPTIONS, *_OUTCOME),
 )
 
 LEDGER = Table(
@@ -85,9 +105,9 @@ LEDGER = Table(
     (
         count("place", "its place in the paper's order"),
         word("key", "scenario, policy and quantity"),
-        _SCENARIO,
-        _POLICY,
-        word("quantity", "what is measured"),
+        word("scenario", f"as in scenario_cells, or {TABLE_3} (the paper's fits)"),
+        word("policy", f"benchmark or local_optimum; {RECORDED_FITS}: of fits", (*names.POLICIES, RECORDED_FITS)),
+        word("quantity", "what is measured, or what is compared: local optimum against benchmark"),
         word("unit", "its unit, empty = none"),
         number("published", "as printed", nullable=False),
         number("ours", "under the default options"),
@@ -98,6 +118,7 @@ LEDGER = Table(
         word("nearest_cell", "that cell: variant, form, accounting"),
         number("nearest_ratio", "that value over the published one"),
         word("verdict", "on ours", LEDGER_VERDICTS),
+        word("not_valid", "why ours says nothing; empty = it does, or there is no plan"),
         word("nearest_verdict", "on the nearest", LEDGER_VERDICTS),
         word("note", "what the reader must know"),
     ),
@@ -111,13 +132,14 @@ _CLAIM = (
     word("statement", "the direction of change that the paper states"),
     word("printed", "the printed numbers behind it"),
     word("default_verdict", "under the default options", VERDICTS),
-    count("cells", "variants in which both plans exist"),
+    count("cells", "variants in which both plans exist and are valid"),
     count("holds", "variants in which the claim holds"),
     count("fails", "variants in which the opposite happens"),
     count("unchanged", "variants in which nothing changes"),
     Column("holds_under", "list<string>", "those in which it holds"),
     Column("fails_under", "list<string>", "those in which the opposite happens or nothing changes"),
     Column("no_plan_under", "list<string>", "those in which one of the two plans does not exist"),
+    Column("not_valid_under", "list<string>", "those in which a plan collides or sits on a bound of T or v_max"),
 )
 _CLAIM_ORDER = ("claim", "scenario", "form", "accounting")
 CLAIMS = Table("claims", "claim of the paper, scenario, form and accounting", _CLAIM_ORDER, _CLAIM)

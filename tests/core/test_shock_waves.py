@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from highd_lc.scenarios.waves import ESTIMATED, NO_DISTURBANCE, wave_speed
+from highd_lc.core.shock_waves import ESTIMATED, NO_DISTURBANCE, wave_speed
 from highd_lc.vocab.errors import ShapeError
 
 DT = 0.1
