@@ -14,6 +14,7 @@ from highd_lc.stages.overview_pages import followers_believed, missing_pages
 from highd_lc.vocab import names
 from highd_lc.vocab.errors import UsageError
 from highd_lc.vocab.job import Combination, Job, Provenance
+from highd_lc.vocab.sections import ClosedLoopSettings
 from highd_lc.vocab.settings import (
     CalibrateSettings,
     ReportSettings,
@@ -32,7 +33,9 @@ STUDIES = StudySettings(
 )
 SETTINGS = Settings(
     calibrate=CalibrateSettings(population=20, generations=5),
-    validate=ValidateSettings(statistics=StatisticsSettings(bootstrap=100), studies=STUDIES),
+    validate=ValidateSettings(
+        statistics=StatisticsSettings(bootstrap=100), studies=STUDIES, closed_loop=ClosedLoopSettings(events=1)
+    ),
 )
 
 
