@@ -49,6 +49,7 @@ def small_studies(settings: Settings) -> Settings:
     few |= {"multibody_sample": 1, "safety_sample": 4}
     values["validate"]["studies"] |= few
     values["validate"]["multiverse"]["sample"] = values["validate"]["robust"]["sample"] = 2
+    values["validate"]["closed_loop"]["events"] = 2
     return Settings.model_validate(values)
 
 

@@ -7,11 +7,16 @@ With u = t / T, z = 6u^5 - 15u^4 + 10u^3 and q = -4u^3 + 7u^4 - 3u^5,
 Both end accelerations are 0. In the algebra below alpha = (x_final - v0 T) / T^2 and beta = (v_end - v0) / T,
 so that ax = alpha z'' + beta q'' with primes by u; this makes every extremum but that of the speed's magnitude
 a closed form.
+
+A manoeuvre planned anew while it is under way starts with an acceleration, off the middle of its lane, moving
+sideways (equations.md 2.6). With r = u^2 (1 - u)^3 / 2 and s = u (1 - u)^3 (1 + 3u),
+
+    x = v0 t + (x_final - v0 T) z + T (v_end - v0) q + T^2 ax r,   y = y0 + (D - y0) z + T vy s + T^2 ay r.
 """
 
 import math
 from dataclasses import dataclass
-from typing import TypeVar
+from typing import Final, NamedTuple, TypeVar
 
 import numpy as np
 from numba import njit
@@ -29,11 +34,24 @@ SHARE_TOLERANCE = 1e-9
 """A share of the lateral way counts as made from this much below it on."""
 
 
+class StartState(NamedTuple):
+    """How a manoeuvre starts beside its speed: forward acceleration ax [m/s^2]; y [m], vy [m/s], ay [m/s^2]."""
+
+    ax: float
+    y: float
+    vy: float
+    ay: float
+
+
+AT_REST: Final = StartState(0.0, 0.0, 0.0, 0.0)
+"""The start in the middle of a lane, at constant speed."""
+
+
 @dataclass(frozen=True)
 class Quintic:
     """A planned manoeuvre: duration T [s], forward distance x_final [m], end speed v_end [m/s].
 
-    v0: start speed [m/s]; D: lateral shift, left positive [m].
+    v0: start speed [m/s]; D: y at its end, left positive [m]; start: its state at the start.
     """
 
     v0: float
@@ -41,6 +59,7 @@ class Quintic:
     T: float
     x_final: float
     v_end: float
+    start: StartState = AT_REST
 
 
 @dataclass(frozen=True)
@@ -120,28 +139,111 @@ def q_third(u: Real) -> Real:
     return -24.0 + u * (168.0 - 180.0 * u)
 
 
-def sample(plan: Quintic, t: FloatArray) -> Samples:
-    """The trajectory at times t [s] within 0 .. T, shape (n,)."""
-    numbers = (float(value) for value in (plan.v0, plan.D, plan.T, plan.x_final, plan.v_end))
-    return Samples(t, *_sampled(np.asarray(t, np.float64), *numbers))
+@register_jitable
+def r_shape(u: Real) -> Real:
+    """r(u) = u^2 (1 - u)^3 / 2: what an acceleration at the start leaves of itself; r''(0) = 1."""
+    return 0.5 * u * u * (1.0 - u) * (1.0 - u) * (1.0 - u)
+
+
+@register_jitable
+def r_rate(u: Real) -> Real:
+    """r'(u) = u - 4.5u^2 + 6u^3 - 2.5u^4."""
+    return u * (1.0 - u * (4.5 - u * (6.0 - 2.5 * u)))
+
+
+@register_jitable
+def r_curvature(u: Real) -> Real:
+    """r''(u) = 1 - 9u + 18u^2 - 10u^3."""
+    return 1.0 - u * (9.0 - u * (18.0 - 10.0 * u))
+
+
+@register_jitable
+def r_third(u: Real) -> Real:
+    """r'''(u) = -9 + 36u - 30u^2."""
+    return -9.0 + u * (36.0 - 30.0 * u)
+
+
+@register_jitable
+def s_shape(u: Real) -> Real:
+    """s(u) = u - 6u^3 + 8u^4 - 3u^5: what a speed at the start leaves of itself; s'(0) = 1."""
+    return u * (1.0 - u * u * (6.0 - u * (8.0 - 3.0 * u)))
+
+
+@register_jitable
+def s_rate(u: Real) -> Real:
+    """s'(u) = 1 - 18u^2 + 32u^3 - 15u^4."""
+    return 1.0 - u * u * (18.0 - u * (32.0 - 15.0 * u))
+
+
+@register_jitable
+def s_curvature(u: Real) -> Real:
+    """s''(u) = -36u + 96u^2 - 60u^3."""
+    return -u * (36.0 - u * (96.0 - 60.0 * u))
+
+
+@register_jitable
+def s_third(u: Real) -> Real:
+    """s'''(u) = -36 + 192u - 180u^2."""
+    return -36.0 + u * (192.0 - 180.0 * u)
+
+
+@register_jitable
+def lateral(u: float, T: float, D: float, start: StartState) -> tuple[float, float]:
+    """y [m] and ydot [m/s] at u = t / T."""
+    way = D - start.y
+    y = start.y + way * z_shape(u) + T * start.vy * s_shape(u) + T * T * start.ay * r_shape(u)
+    return y, way * (z_rate(u) / T) + start.vy * s_rate(u) + T * start.ay * r_rate(u)
+
+
+@register_jitable
+def lateral_jerk(u: float, T: float, D: float, start: StartState) -> float:
+    """ydddot [m/s^3] at u = t / T."""
+    way = D - start.y
+    own = start.vy / (T * T) * s_third(u) + start.ay / T * r_third(u)
+    return way * (z_third(u) / (T * T * T)) + own
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _sampled(t: FloatArray, v0: float, D: float, T: float, x_final: float, v_end: float) -> FloatArray:
+def reaches(share: float, n: int, dt: float, D: float, start: StartState) -> int:
+    """First of the samples 0 .. n, of dt [s], at which a plan has made that share of the way to y = D; n at last.
+
+    Half of the way is the crossing: the sample nearest to it, the earlier one of two. At rest that is
+    ``first_past``.
+    """
+    if start.y == 0.0 and start.vy == 0.0 and start.ay == 0.0:
+        return first_past(share, n)
+    half = 0.5 if share == 0.5 else 0.0
+    for k in range(n):
+        y, _ = lateral((k + half) / n, n * dt, D, start)
+        if y / D >= share - SHARE_TOLERANCE:
+            return k
+    return n
+
+
+def sample(plan: Quintic, t: FloatArray) -> Samples:
+    """The trajectory at times t [s] within 0 .. T, shape (n,)."""
+    v0, D, T, x_final, v_end = (float(value) for value in (plan.v0, plan.D, plan.T, plan.x_final, plan.v_end))
+    return Samples(t, *_sampled(np.asarray(t, np.float64), v0, D, T, x_final, v_end, plan.start))
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _sampled(
+    t: FloatArray, v0: float, D: float, T: float, x_final: float, v_end: float, start: StartState
+) -> FloatArray:
     """Rows x, y, vx, vy, ax, ay, jx, jy of ``Samples`` at times t [s], shape (8, n)."""
-    delta, change = x_final - v0 * T, v_end - v0
-    alpha, beta, gamma = delta / T**2, change / T, D / T**2
+    delta, change, way = x_final - v0 * T, v_end - v0, D - start.y
+    alpha, beta, gamma, slope = delta / T**2, change / T, way / T**2, start.vy / T
     rows = np.empty((8, len(t)))
     for k in range(len(t)):
         u = t[k] / T
-        rows[0, k] = v0 * t[k] + delta * z_shape(u) + T * change * q_shape(u)
-        rows[1, k] = D * z_shape(u)
-        rows[2, k] = v0 + T * (alpha * z_rate(u) + beta * q_rate(u))
-        rows[3, k] = T * gamma * z_rate(u)
-        rows[4, k] = alpha * z_curvature(u) + beta * q_curvature(u)
-        rows[5, k] = gamma * z_curvature(u)
-        rows[6, k] = (alpha * z_third(u) + beta * q_third(u)) / T
-        rows[7, k] = gamma * z_third(u) / T
+        rows[0, k] = v0 * t[k] + delta * z_shape(u) + T * change * q_shape(u) + T * T * start.ax * r_shape(u)
+        rows[1, k] = start.y + way * z_shape(u) + T * start.vy * s_shape(u) + T * T * start.ay * r_shape(u)
+        rows[2, k] = v0 + T * (alpha * z_rate(u) + beta * q_rate(u) + start.ax * r_rate(u))
+        rows[3, k] = T * (gamma * z_rate(u) + slope * s_rate(u) + start.ay * r_rate(u))
+        rows[4, k] = alpha * z_curvature(u) + beta * q_curvature(u) + start.ax * r_curvature(u)
+        rows[5, k] = gamma * z_curvature(u) + slope * s_curvature(u) + start.ay * r_curvature(u)
+        rows[6, k] = (alpha * z_third(u) + beta * q_third(u) + start.ax * r_third(u)) / T
+        rows[7, k] = (gamma * z_third(u) + slope * s_third(u) + start.ay * r_third(u)) / T
     return rows
 
 

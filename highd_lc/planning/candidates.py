@@ -21,14 +21,13 @@ from highd_lc.core.drive import (
     credited,
     family_command,
     follower_command,
-    gentle,
     jump,
-    lcm_command,
     remembered,
 )
 from highd_lc.core.kernels import UNALIASED
 from highd_lc.core.losses import LossTerms
-from highd_lc.core.quintic import first_past, q_rate, q_shape, q_third, z_rate, z_shape, z_third
+from highd_lc.core.quintic import reaches
+from highd_lc.planning.candidates_av import drive_av
 from highd_lc.planning.contacts import (
     CHANGE,
     COMMAND,
@@ -63,7 +62,7 @@ class Outcomes(NamedTuple):
     """Losses of candidates, each of shape (rows, candidates): of the AV and the followers charged to T and to H.
 
     contact: first sample at which ellipses overlap or somebody is past its leader's rear (NO_CONTACT if none);
-    role: which contact that is (see ``scene.contact_words``). unsafe: 1 + index in ``limits.SAFETY`` of what a
+    role: which contact that is (see ``contacts.contact_words``). unsafe: 1 + index in ``limits.SAFETY`` of what a
     safety profile asks in vain, 0: nothing.
     """
 
@@ -140,46 +139,48 @@ def evaluate_into(
     rear = scene.target_front - scene.target_length
     behind_leader = scene.asks_all and np.isfinite(rear[0])
     for row in range(len(n)):
-        width = delta.shape[1]
+        width, crossing = delta.shape[1], reaches(0.5, n[row], scene.dt, scene.D, scene.start)
         for first in range(0, width, WIDTH):
             used = min(WIDTH, width - first)
             for w in range(WIDTH):
                 at = first + min(w, used - 1)
                 state[DELTA * WIDTH + w], state[CHANGE * WIDTH + w] = delta[row, at], change[row, at]
                 contact[w], role[w], unsafe[w] = NO_CONTACT, -1, critical
-            _drive_av(n[row], state, scene, terms, av_front, av_v)
+            drive_av(n[row], state, scene, terms, av_front, av_v)
             for w in range(used):
                 out.av_T[row, first + w] = state[TO_T * WIDTH + w]
                 out.av_H[row, first + w] = state[TO_H * WIDTH + w]
             lateral_motion(n[row], state, scene, y, vy, reach)
             meet_leaders(n[row], scene, av_front, av_v, y, vy, reach, contact, role)
             if scene.safety.asked:
-                keep_ahead(n[row], state, scene, av_front, av_v, unsafe)
+                keep_ahead(n[row], crossing, state, scene, av_front, av_v, unsafe)
             if behind_leader:
-                drive_through(n[row] // 2, samples, 3 * roles + leaders - 1, rear, state, av_front, contact, role)
+                drive_through(crossing, samples, 3 * roles + leaders - 1, rear, state, av_front, contact, role)
             for draw in range(len(crowd.first_L)):
                 drawn = with_drivers(scene, crowd, draw)
-                insertion = first_past(drawn.reactions[0, MOMENT], n[row])
+                insertion = drawn.joined.since
+                if insertion > 0:
+                    insertion = reaches(drawn.reactions[0, MOMENT], n[row], scene.dt, scene.D, scene.start)
                 ahead[:], ahead_v[:] = av_front, av_v
                 for k in range(insertion):
                     ahead[k * WIDTH : (k + 1) * WIDTH] = scene.target_front[k]
                     ahead_v[k * WIDTH : (k + 1) * WIDTH] = scene.target_v[k]
                 each_T[draw], each_H[draw] = 0.0, 0.0
                 for i in range(len(scene.follower_x)):
-                    _drive_follower(i, n[row], insertion, state, drawn, terms, ahead, ahead_v, own)
+                    _drive_follower(i, n[row], (insertion, crossing), state, drawn, terms, ahead, ahead_v, own)
                     for w in range(used):
                         each_T[draw, w] += terms.weights[i] * state[TO_T * WIDTH + w]
                         each_H[draw, w] += terms.weights[i] * state[TO_H * WIDTH + w]
                     asks = draw == 0 or crowd.rejects_all
                     if asks and scene.safety.asked and i == 0:
-                        keep_behind(n[row], state, drawn, av_front, av_v, own, ahead_v, unsafe)
+                        keep_behind(crossing, state, drawn, av_front, av_v, own, ahead_v, unsafe)
                     if asks and scene.asks_all:
                         who = (1 if i else 2) * roles + leaders + i
                         length = scene.follower_length[i - 1] if i else scene.length
-                        since, asked = (0, False) if i else (n[row] // 2, insertion > n[row] // 2)
+                        since, asked = (0, False) if i else (crossing, insertion > crossing)
                         meet_ahead(who, since, asked, length, state, ahead if i else av_front, own, contact, role)
                     if asks and behind_leader and i == 0:
-                        drive_through(0, n[row] // 2, roles + leaders, rear, state, own, contact, role)
+                        drive_through(0, crossing, roles + leaders, rear, state, own, contact, role)
                     if asks:
                         meet_follower(i, n[row], scene, av_front, av_v, y, vy, reach, own, contact, role)
                     ahead, own = own, ahead
@@ -187,68 +188,10 @@ def evaluate_into(
                 out.hv_T[row, first + w] = together(each_T[:, w], crowd.worst)
                 out.hv_H[row, first + w] = together(each_H[:, w], crowd.worst)
             if len(scene.origin_follower):
-                meet_origin_follower(n[row], state, scene, av_front, av_v, y, vy, reach, own, contact, role)
+                meet_origin_follower(crossing, state, scene, av_front, av_v, y, vy, reach, own, contact, role)
             for w in range(used):
                 out.contact[row, first + w], out.role[row, first + w] = contact[w], role[w]
                 out.unsafe[row, first + w] = unsafe[w]
-
-
-@njit(cache=True, nogil=True, error_model="numpy", **UNALIASED)
-def _drive_av(
-    n: int,
-    state: FloatArray,
-    scene: PackedScene,
-    terms: LossTerms,
-    front: FloatArray,
-    speed: FloatArray,
-) -> None:
-    """Plan to n, then the drive after T; fills fronts and speeds, and the losses in the scratch."""
-    dt, v0, half, hardest = scene.dt, scene.v0, scene.length / 2.0, scene.hardest
-    most, step = scene.safety.acceleration, scene.safety.jerk * scene.dt
-    T = n * dt
-    v_desire, A, b, B, tau, L = scene.av_parameters
-    comfort, efficiency, ref = terms.comfort, terms.efficiency, terms.av_ref
-    both_sides = 0.0 if terms.one_sided else 1.0
-    for w in range(WIDTH):
-        state[TO_T * WIDTH + w] = 0.0
-    for k in range(n + 1):
-        u = k / n
-        base, z, q = half + v0 * k * dt, z_shape(u), T * q_shape(u)
-        dz, dq = z_rate(u) / T, q_rate(u)
-        j_z, j_q = z_third(u) / (T * T * T), q_third(u) / (T * T)
-        vy, jy = scene.D * dz, abs(scene.D * j_z)
-        for w in range(WIDTH):
-            delta, change = state[DELTA * WIDTH + w], state[CHANGE * WIDTH + w]
-            v = v0 + delta * dz + change * dq
-            front[k * WIDTH + w] = base + delta * z + change * q
-            speed[k * WIDTH + w] = v
-            short = ref - np.sqrt(v * v + vy * vy)
-            jerk = abs(delta * j_z + change * j_q) + jy
-            state[TO_T * WIDTH + w] += comfort * jerk + efficiency * max(short, -both_sides * short)
-    after = 1.0 if scene.after_lcm else 0.0
-    # A plan that ends at H has no drive after T, hence no step onto it.
-    handover = comfort / dt if scene.counts_handover and n + 1 < len(scene.target_v) else 0.0
-    for w in range(WIDTH):
-        x, v = front[n * WIDTH + w], speed[n * WIDTH + w]
-        a = after * lcm_command(
-            v, scene.target_front[n] - x, scene.target_v[n], v_desire, A, b, B, tau, L, hardest
-        )
-        a = gentle(a, 0.0, most, step)
-        state[FRONT * WIDTH + w], state[SPEED * WIDTH + w], state[COMMAND * WIDTH + w] = x, v, a
-        state[TO_H * WIDTH + w] = state[TO_T * WIDTH + w] + handover * abs(a)
-    for k in range(n + 1, len(scene.target_v)):
-        target, target_v = scene.target_front[k], scene.target_v[k]
-        for w in range(WIDTH):
-            before = state[COMMAND * WIDTH + w]
-            x, v = advance(state[FRONT * WIDTH + w], state[SPEED * WIDTH + w], before, dt)
-            a = after * lcm_command(v, target - x, target_v, v_desire, A, b, B, tau, L, hardest)
-            a = gentle(a, before, most, step)
-            short = ref - v
-            state[TO_H * WIDTH + w] += comfort * (abs(a - before) / dt) + efficiency * max(
-                short, -both_sides * short
-            )
-            state[FRONT * WIDTH + w], state[SPEED * WIDTH + w], state[COMMAND * WIDTH + w] = x, v, a
-            front[k * WIDTH + w], speed[k * WIDTH + w] = x, v
 
 
 @njit(inline="always")
@@ -257,7 +200,7 @@ def _drive_all_the_way(
     reacts: bool,
     i: int,
     n: int,
-    insertion: int,
+    moments: tuple[int, int],
     state: FloatArray,
     scene: PackedScene,
     terms: LossTerms,
@@ -271,7 +214,8 @@ def _drive_all_the_way(
     _, memory, relaxation, need, a_0, drift, _ = scene.reactions[i]
     comfort, efficiency, ref = terms.comfort, terms.efficiency, terms.hv_ref[i]
     both_sides = 0.0 if terms.one_sided else 1.0
-    insertion, joined = (0, 0) if i else (insertion, n // 2)
+    insertion, joined = (0, 0) if i else moments
+    credit_0, v_credit_0 = (0.0, 0.0) if i else (scene.joined.credit, scene.joined.v_credit)
     # A product in the place of an exponential a sample, which would cost a tenth of the whole.
     m, kept = remembered(scene.clock, memory), remembered(dt, memory)
     for w in range(WIDTH):
@@ -280,7 +224,7 @@ def _drive_all_the_way(
         state[SPEED * WIDTH + w] = scene.follower_v[i]
         state[COMMAND * WIDTH + w] = 0.0
         state[NEAREST * WIDTH + w] = np.inf
-        state[JUMP * WIDTH + w], state[V_JUMP * WIDTH + w] = 0.0, 0.0
+        state[JUMP * WIDTH + w], state[V_JUMP * WIDTH + w] = credit_0, v_credit_0
     for k in range(len(scene.target_v)):
         L, length = (L_replay, leader_length) if k >= insertion else (scene.first_L, scene.target_length)
         if k == joined:
@@ -324,16 +268,16 @@ def _drive_all_the_way(
 def _driving(family: int, reacts: bool) -> Any:
     """The kernel of followers of a family, bare or reacting, with a machine code of its own.
 
-    It fills the fronts of follower i, behind the fronts ahead and their speeds, which its own replace. insertion:
-    sample from which the first one has the AV as leader. In the scratch: its losses, and its smallest spacing to
-    whom it follows (to the AV: from the crossing on).
+    It fills the fronts of follower i, behind the fronts ahead and their speeds, which its own replace. moments:
+    samples from which the first one has the AV as leader, and of the AV's crossing. In the scratch: its losses,
+    and its smallest spacing to whom it follows (to the AV: from the crossing on).
     """
 
     @njit(cache=True, nogil=True, error_model="numpy", **UNALIASED)
     def drive(
         i: int,
         n: int,
-        insertion: int,
+        moments: tuple[int, int],
         state: FloatArray,
         scene: PackedScene,
         terms: LossTerms,
@@ -341,7 +285,7 @@ def _driving(family: int, reacts: bool) -> Any:
         speed: FloatArray,
         own: FloatArray,
     ) -> None:
-        _drive_all_the_way(family, reacts, i, n, insertion, state, scene, terms, ahead, speed, own)
+        _drive_all_the_way(family, reacts, i, n, moments, state, scene, terms, ahead, speed, own)
 
     return drive
 
@@ -354,7 +298,7 @@ _drive_idm, _drive_uncommanded = _driving(IDM, True), _driving(NO_COMMAND, True)
 def _drive_by_function(
     i: int,
     n: int,
-    insertion: int,
+    moments: tuple[int, int],
     state: FloatArray,
     scene: PackedScene,
     terms: LossTerms,
@@ -364,14 +308,14 @@ def _drive_by_function(
 ) -> None:
     """As ``_driving``, by a command whose address is the family."""
     family = int(scene.reactions[i, FAMILY])
-    _drive_all_the_way(family, True, i, n, insertion, state, scene, terms, ahead, speed, own)
+    _drive_all_the_way(family, True, i, n, moments, state, scene, terms, ahead, speed, own)
 
 
 @njit(cache=True, nogil=True)
 def _drive_follower(
     i: int,
     n: int,
-    insertion: int,
+    moments: tuple[int, int],
     state: FloatArray,
     scene: PackedScene,
     terms: LossTerms,
@@ -383,12 +327,12 @@ def _drive_follower(
     family, memory, relaxation, need, _, drift, _ = scene.reactions[i]
     bare = memory == 0.0 and drift == 0.0 and need == UNBOUNDED and (relaxation == 0.0 or i > 0)
     if family == LCM and bare:
-        _drive_bare_lcm(i, n, insertion, state, scene, terms, ahead, speed, own)
+        _drive_bare_lcm(i, n, moments, state, scene, terms, ahead, speed, own)
     elif family == LCM:
-        _drive_lcm(i, n, insertion, state, scene, terms, ahead, speed, own)
+        _drive_lcm(i, n, moments, state, scene, terms, ahead, speed, own)
     elif family == IDM:
-        _drive_idm(i, n, insertion, state, scene, terms, ahead, speed, own)
+        _drive_idm(i, n, moments, state, scene, terms, ahead, speed, own)
     elif family > IDM:
-        _drive_by_function(i, n, insertion, state, scene, terms, ahead, speed, own)
+        _drive_by_function(i, n, moments, state, scene, terms, ahead, speed, own)
     else:
-        _drive_uncommanded(i, n, insertion, state, scene, terms, ahead, speed, own)
+        _drive_uncommanded(i, n, moments, state, scene, terms, ahead, speed, own)

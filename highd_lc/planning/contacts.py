@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 from highd_lc.core.drive import lcm_step
 from highd_lc.core.ellipse import ellipses_touch
 from highd_lc.core.kernels import UNALIASED
-from highd_lc.core.quintic import q_rate, z_rate, z_shape
+from highd_lc.core.quintic import lateral, q_rate, r_rate, z_rate
 from highd_lc.planning.scene import PackedScene
+from highd_lc.vocab import names
 from highd_lc.vocab.driver import TABLE3_MEANS
 
 FloatArray = NDArray[np.float64]
@@ -37,6 +38,23 @@ _STEP = 4.0
 Place = tuple[float, float, float, float]
 
 
+def contact_words(roles: tuple[str, ...]) -> tuple[str, ...]:
+    """What stands in a candidate's way, by the kernels' numbers: ellipses, then who drives through whom.
+
+    With R roles: r: the AV's ellipse and that of r; R + r: r through the vehicle before it on the target lane;
+    2 R + r: r through the AV; 3 R + r: the AV through r. roles: see ``scene.obstacle_roles``.
+    """
+    before = dict(zip(_lane_of(roles)[1:], _lane_of(roles), strict=False))
+    pairs = [(role, before.get(role, role)) for role in roles]
+    pairs += [(role, names.EGO) for role in roles] + [(names.EGO, role) for role in roles]
+    return (*(f"clearance_{role}" for role in roles), *(f"contact_{names.through(*pair)}" for pair in pairs))
+
+
+def _lane_of(roles: tuple[str, ...]) -> list[str]:
+    """The roles on the target lane, foremost first."""
+    return [role for role in roles if role not in (names.ORIGIN_LEADER, names.ORIGIN_FOLLOWER)]
+
+
 @njit(cache=True, nogil=True, error_model="numpy", **UNALIASED)
 def lateral_motion(
     n: int, state: FloatArray, scene: PackedScene, y: FloatArray, vy: FloatArray, reach: FloatArray
@@ -54,8 +72,9 @@ def lateral_motion(
     for k in range(n):
         u = k / n
         dz, dq = z_rate(u) / T, q_rate(u)
-        y[k], vy[k] = scene.D * z_shape(u), scene.D * dz
+        y[k], vy[k] = lateral(u, T, scene.D, scene.start)
         slowest = scene.v0 + dz * delta_low + min(dq * change_low, dq * change_high)
+        slowest += T * scene.start.ax * r_rate(u)
         sin = abs(vy[k]) / np.hypot(vy[k], max(slowest, 0.1)) if vy[k] != 0.0 else 0.0
         reach[k] = scene.b + (scene.a + scene.rear_to_centre) * sin
 
@@ -283,7 +302,7 @@ def _drive_origin_follower(
 
 @njit(cache=True, nogil=True, error_model="numpy", **UNALIASED)
 def meet_origin_follower(
-    n: int,
+    crossing: int,
     state: FloatArray,
     scene: PackedScene,
     av_front: FloatArray,
@@ -295,11 +314,10 @@ def meet_origin_follower(
     contact: IntArray,
     role: IntArray,
 ) -> None:
-    """Contacts with the origin follower until the crossing, half of T. front, state: scratch."""
-    last = n // 2
-    _drive_origin_follower(last, state, scene, av_front, av_v, front)
+    """Contacts with the origin follower until the crossing. front, state: scratch."""
+    _drive_origin_follower(crossing, state, scene, av_front, av_v, front)
     _meet_behind(
-        last,
+        crossing,
         len(scene.leader_a) + len(scene.follower_x),
         scene.origin_follower[1],
         scene.origin_follower[3] / 2.0,

@@ -12,7 +12,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from highd_lc.planning.scene import PackedScene
+from highd_lc.planning.scene import Joined, PackedScene
 from highd_lc.vocab.driver import LOWER_BOUNDS, REPLAY_L_BOUNDS, UPPER_BOUNDS
 from highd_lc.vocab.sections import RobustSettings
 
@@ -22,21 +22,23 @@ FloatArray = NDArray[np.float64]
 class Crowd(NamedTuple):
     """K sets of drivers, and what becomes of a candidate's K losses.
 
-    parameters (K, p, 6), reactions (K, p, 7), first_L (K,): as in ``PackedScene``. worst: the mean of so many
-    of the largest losses counts; K = the mean of all. rejects_all: whether a contact under any draw rejects a
-    candidate; else those of the first draw alone do, which are the drivers that the scene has.
+    parameters (K, p, 6), reactions (K, p, 7), first_L (K,), joined (K, 3): as in ``PackedScene``. worst: the mean
+    of so many of the largest losses counts; K = the mean of all. rejects_all: whether a contact under any draw
+    rejects a candidate; else those of the first draw alone do, which are the drivers that the scene has.
     """
 
     parameters: FloatArray
     reactions: FloatArray
     first_L: FloatArray
+    joined: FloatArray
     worst: int
     rejects_all: bool
 
 
 def own_crowd(scene: PackedScene) -> Crowd:
     """The crowd of one: the drivers that the scene has."""
-    return Crowd(scene.parameters[None], scene.reactions[None], np.array([scene.first_L]), 1, False)
+    joined = np.array([scene.joined], dtype=np.float64)
+    return Crowd(scene.parameters[None], scene.reactions[None], np.array([scene.first_L]), joined, 1, False)
 
 
 @njit(inline="always")
@@ -45,6 +47,8 @@ def with_drivers(scene: PackedScene, crowd: Crowd, draw: int) -> PackedScene:
     return PackedScene(
         v0=scene.v0,
         D=scene.D,
+        start=scene.start,
+        joined=Joined(int(crowd.joined[draw, 0]), crowd.joined[draw, 1], crowd.joined[draw, 2]),
         length=scene.length,
         rear_to_centre=scene.rear_to_centre,
         a=scene.a,
@@ -127,6 +131,7 @@ def drawn_crowd(packed: PackedScene, spread: FloatArray | None, count: int, rng:
         drawn,
         np.repeat(packed.reactions[None], count, axis=0),
         packed.first_L + drawn[:, 0, 5] - packed.parameters[0, 5],
+        np.repeat(np.array([packed.joined], dtype=np.float64), count, axis=0),
         count,
         False,
     )
@@ -152,6 +157,7 @@ def crowd_of(
         np.concatenate([crowd.parameters for crowd in crowds]),
         np.concatenate([crowd.reactions for crowd in crowds]),
         np.concatenate([crowd.first_L for crowd in crowds]),
+        np.concatenate([crowd.joined for crowd in crowds]),
         worst,
         robust.contacts == "any",
     )

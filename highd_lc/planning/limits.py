@@ -12,9 +12,11 @@ from numba import njit
 from numpy.typing import NDArray
 
 from highd_lc.core.quintic import (
+    AT_REST,
     END_JY,
     PEAK_AY,
     Quintic,
+    StartState,
     forward_extrema,
     q_curvature,
     q_rate,
@@ -22,6 +24,7 @@ from highd_lc.core.quintic import (
     z_curvature,
     z_rate,
 )
+from highd_lc.core.under_way import axis, axis_extrema, sharpest_turns, speed_range
 from highd_lc.planning.replay import Replay, origin_follower_motion
 from highd_lc.planning.scene import Motion, PackedScene
 from highd_lc.vocab import names
@@ -114,6 +117,41 @@ def violation(T: float, delta: float, change: float, v0: float, D: float, limit:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
+def started_violation(
+    T: float, delta: float, change: float, v0: float, D: float, start: StartState, limit: Limits
+) -> int:
+    """``violation`` of a plan that starts in that state."""
+    if start.ax == 0.0 and start.y == 0.0 and start.vy == 0.0 and start.ay == 0.0:
+        return violation(T, delta, change, v0, D, limit)
+    y = axis(start.y, start.vy, start.ay, D, 0.0, T)
+    _, vy_high, ay_high, jy_high = axis_extrema(y, T)
+    if jy_high > limit.jerk + _SLACK:
+        return 1
+    if ay_high > min(limit.acceleration, limit.lateral) + _SLACK:
+        return 2
+    x = axis(0.0, v0, start.ax, v0 * T + delta, v0 + change, T)
+    v_low, v_high, a_high, j_high = axis_extrema(x, T)
+    if v_low < 0.0:
+        return 3
+    if v_low < limit.v_min - _SLACK or v_high + abs(vy_high) > limit.v_max - _CLEAR:
+        low, high = speed_range(x, y, T)
+        if low < limit.v_min - _SLACK or high > limit.v_max + _SLACK:
+            return 3
+    if a_high > limit.acceleration + _SLACK:
+        return 4
+    if j_high > limit.jerk + _SLACK:
+        return 5
+    bound = math.hypot(a_high, ay_high)
+    if bound > limit.curvature * v_low * v_low or bound > limit.yaw_rate * v_low:
+        curvature, yaw_rate = sharpest_turns(x, y, T)
+        if curvature > limit.curvature + _SLACK:
+            return 6
+        if yaw_rate > limit.yaw_rate + _SLACK:
+            return 7
+    return 0
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def turns(alpha: float, beta: float, v0: float, D: float, T: float) -> tuple[float, float]:
     """Largest |curvature| [1/m] and |yaw rate| [rad/s] of a manoeuvre, at its ends and 63 moments between."""
     gamma, curvature, yaw_rate = D / (T * T), 0.0, 0.0
@@ -137,20 +175,41 @@ def _slowest_known(T: float, delta: float, change: float, v0: float, D: float) -
     return min(halfway, abs(v0 + change))
 
 
-@njit(cache=True, nogil=True)
 def violations(
-    T: FloatArray, delta: FloatArray, change: FloatArray, v0: float, D: float, limit: Limits
+    T: FloatArray,
+    delta: FloatArray,
+    change: FloatArray,
+    v0: float,
+    D: float,
+    limit: Limits,
+    start: StartState = AT_REST,
 ) -> IntArray:
-    """``violation`` of many plans. T: shape (rows,); delta, change: shape (rows, candidates)."""
+    """``started_violation`` of many plans. T: shape (rows,); delta, change: shape (rows, candidates)."""
     codes = np.empty(delta.shape, np.int64)
+    _fill_violations(T, delta, change, v0, D, start, limit, codes)
+    return codes
+
+
+@njit(cache=True, nogil=True)
+def _fill_violations(
+    T: FloatArray,
+    delta: FloatArray,
+    change: FloatArray,
+    v0: float,
+    D: float,
+    start: StartState,
+    limit: Limits,
+    codes: IntArray,
+) -> None:
     for row in range(delta.shape[0]):
         for w in range(delta.shape[1]):
-            codes[row, w] = violation(T[row], delta[row, w], change[row, w], v0, D, limit)
-    return codes
+            codes[row, w] = started_violation(T[row], delta[row, w], change[row, w], v0, D, start, limit)
 
 
 def margins(plan: Quintic, limit: Limits) -> dict[str, float]:
     """How far a plan stays inside each dynamic limit, in the limit's unit; negative = violated."""
+    if plan.start != AT_REST:
+        return _started_margins(plan, limit)
     T, delta, change = plan.T, plan.x_final - plan.v0 * plan.T, plan.v_end - plan.v0
     alpha, beta = delta / T**2, change / T
     _, _, a_high, j_high = forward_extrema(alpha, beta, plan.v0, T)
@@ -168,21 +227,44 @@ def margins(plan: Quintic, limit: Limits) -> dict[str, float]:
     return found | {"curvature": limit.curvature - curvature, "yaw_rate": limit.yaw_rate - yaw_rate}
 
 
+def _started_margins(plan: Quintic, limit: Limits) -> dict[str, float]:
+    start, T = plan.start, plan.T
+    x = axis(0.0, plan.v0, start.ax, plan.x_final, plan.v_end, T)
+    y = axis(start.y, start.vy, start.ay, plan.D, 0.0, T)
+    (_, _, ax_high, jx_high), (_, _, ay_high, jy_high) = axis_extrema(x, T), axis_extrema(y, T)
+    low, high = speed_range(x, y, T)
+    curvature, yaw_rate = sharpest_turns(x, y, T)
+    found = {
+        "speed": min(low - limit.v_min, limit.v_max - high),
+        "acceleration_x": limit.acceleration - ax_high,
+        "acceleration_y": min(limit.acceleration, limit.lateral) - ay_high,
+        "jerk_x": limit.jerk - jx_high,
+        "jerk_y": limit.jerk - jy_high,
+        "curvature": limit.curvature - curvature,
+        "yaw_rate": limit.yaw_rate - yaw_rate,
+    }
+    return {name: margin for name, margin in found.items() if math.isfinite(margin)}
+
+
 def unchanged_margins(v0: float, D: float, *, T: float, limit: Limits) -> dict[str, float]:
     """Margins of a lane change of T [s] that keeps the speed v0 [m/s]. D: across [m]."""
     return margins(Quintic(v0=v0, D=D, T=T, x_final=v0 * T, v_end=v0), limit)
 
 
-def forward_interval(T: FloatArray, change: FloatArray, v0: float, limit: Limits) -> tuple[FloatArray, FloatArray]:
+def forward_interval(
+    T: FloatArray, change: FloatArray, v0: float, limit: Limits, ax: float = 0.0
+) -> tuple[FloatArray, FloatArray]:
     """Interval of delta [m] outside which a plan violates the jerk at its ends or the forward speed halfway.
 
-    T, change: broadcastable shapes. jx(0) = (60 alpha - 24 beta) / T, jx(1) = (60 alpha - 36 beta) / T,
-    xdot(1/2) = v0 + 1.875 delta / T - 0.4375 change.
+    T, change: broadcastable shapes; ax: acceleration at the start [m/s^2].
+    jx(0) = (60 alpha - 24 beta - 9 ax) / T,
+    jx(1) = (60 alpha - 36 beta - 3 ax) / T, xdot(1/2) = v0 + 1.875 delta / T - 0.4375 change - ax T / 32.
     """
     beta, bound = change / T, limit.jerk * T
-    low = (np.maximum(24.0 * beta, 36.0 * beta) - bound) * T**2 / 60.0
-    high = (np.minimum(24.0 * beta, 36.0 * beta) + bound) * T**2 / 60.0
-    middle = 0.4375 * change - v0
+    first, last = 24.0 * beta + 9.0 * ax, 36.0 * beta + 3.0 * ax
+    low = (np.maximum(first, last) - bound) * T**2 / 60.0
+    high = (np.minimum(first, last) + bound) * T**2 / 60.0
+    middle = 0.4375 * change - v0 + ax * T / 32.0
     return (
         np.maximum(low, (limit.v_min + middle) * T / 1.875),
         np.minimum(high, (limit.v_max + middle) * T / 1.875),
@@ -265,6 +347,14 @@ def first_contact(
     """
     if not scene.asks_all:
         return ""
+    found = contacts(replay, scene, joins=joins, last=last, origin_leader=origin_leader)
+    return min(found)[1] if found else ""
+
+
+def contacts(
+    replay: Replay, scene: PackedScene, *, joins: bool, last: int, origin_leader: Motion | None = None
+) -> list[tuple[int, str]]:
+    """The first sample of each contact of a replay, and who drives through whom (see ``first_contact``)."""
     lane, _ = _lane(replay, scene)
     before = min(replay.av.crossing - 1, last) if joins else last
     met = [(pair.contact(pair.first, last), pair) for pair in pairs(replay, scene, joins=joins)]
@@ -272,8 +362,7 @@ def first_contact(
     if not joins:
         own = _origin_lane(replay, scene, origin_leader)
         met += [(pair.contact(0, last), pair) for pair in _pairs(own, [0] * len(own))]
-    found = [(sample, names.through(pair.follower, pair.leader)) for sample, pair in met if sample is not None]
-    return min(found)[1] if found else ""
+    return [(sample, names.through(pair.follower, pair.leader)) for sample, pair in met if sample is not None]
 
 
 def _origin_lane(replay: Replay, scene: PackedScene, leader: Motion | None) -> list[_Vehicle]:

@@ -12,6 +12,8 @@ from highd_lc.core.losses import LossTerms
 from highd_lc.core.quintic import Quintic
 from highd_lc.planning import limits
 from highd_lc.planning.candidates import loss_terms
+from highd_lc.planning.contacts import contact_words
+from highd_lc.planning.later import own_lane
 from highd_lc.planning.limits import first_contact
 from highd_lc.planning.pool import Goal, Pool, Task
 from highd_lc.planning.replay import (
@@ -28,7 +30,7 @@ from highd_lc.planning.replay import (
     replay,
 )
 from highd_lc.planning.safety import binding, human_margins, kept
-from highd_lc.planning.scene import PackedScene, Scene, contact_words, obstacle_roles, pack
+from highd_lc.planning.scene import PackedScene, Scene, obstacle_roles, pack
 from highd_lc.planning.search import nominal_rejections, search
 from highd_lc.vocab import names
 from highd_lc.vocab.policy import ACCOUNTINGS, PAIRS, POLICIES
@@ -282,12 +284,8 @@ def unchanged_motion(problem: PlanningProblem) -> tuple[AvMotion, FloatArray, Fl
 
     Both by LCM; the AV's drive follows the setting ``after`` from t_start on. T counts as ``CONSTANT_T``.
     """
-    packed = problem.packed
-    origin = problem.scene.origin_leader
-    samples = len(packed.target_v)
-    front = np.full(samples, np.inf) if origin is None else origin.x + origin.length / 2.0
-    speed = np.zeros(samples) if origin is None else origin.v
-    lane = packed._replace(target_front=front, target_v=speed, D=0.0)
+    packed, samples = problem.packed, len(problem.packed.target_v)
+    lane = own_lane(packed, problem.scene.origin_leader)
     free = free_motion(packed)
     drive_on(free.x, free.y, free.vx, free.ax, free.jerk, free.n, lane)
     x, v, a = (np.empty((len(packed.follower_x), samples)) for _ in range(3))
@@ -346,7 +344,7 @@ def rejections(
 
 
 def contacts_met(problem: PlanningProblem, met: IntArray) -> dict[str, int]:
-    """How often each contact stands among the candidates' (see ``scene.contact_words``), ellipses first.
+    """How often each contact stands among the candidates' (see ``contacts.contact_words``), ellipses first.
 
     Who drives through whom is named only where somebody does.
     """

@@ -137,7 +137,7 @@ class Before(NamedTuple):
 
     hv_passed: loss charged to the followers ahead of the gap, over 0 .. k of the manoeuvre's samples, shape
     (N + 1,). latest: the longest duration that ends in time [samples]. contact, role: first contact among the
-    vehicles ahead of the gap, in samples of the manoeuvre, and which (see ``scene.contact_words``).
+    vehicles ahead of the gap, in samples of the manoeuvre, and which (see ``contacts.contact_words``).
     """
 
     av: float
@@ -165,7 +165,8 @@ def distinct(pool: Pool, goals: list[Goal]) -> list[int]:
 class Task:
     """A search: the packed scene, its loss terms, dynamic limits and settings.
 
-    before: only of a later start. crowd: who the followers may be; None = those of the scene.
+    before: only of a later start. crowd: who the followers may be; None = those of the scene. change: v_end - v0
+    of the fixed form [m/s]: 0 at the start of a manoeuvre.
     """
 
     scene: PackedScene
@@ -174,6 +175,7 @@ class Task:
     settings: PlannerSettings
     before: Before | None = None
     crowd: Crowd | None = None
+    change: float = 0.0
 
     @property
     def durations(self) -> IntArray:
@@ -191,12 +193,13 @@ class Task:
     def quintic(self, n: int, delta: float, change: float) -> Quintic:
         """The plan of a candidate."""
         T, v0 = round(n * self.scene.dt, 10), self.scene.v0
-        return Quintic(v0=v0, D=self.scene.D, T=T, x_final=v0 * T + delta, v_end=v0 + change)
+        start = self.scene.start
+        return Quintic(v0=v0, D=self.scene.D, T=T, x_final=v0 * T + delta, v_end=v0 + change, start=start)
 
     def simulate(self, n: IntArray, delta: FloatArray, change: FloatArray) -> Pool:
         """Candidates in rows of one duration each, as a flat pool; shapes as in ``evaluate``."""
         out = evaluate(n, delta, change, self.scene, self.terms, self.crowd)
-        codes = violations(self.seconds(n), delta, change, self.scene.v0, self.scene.D, self.limit).ravel()
+        codes = self._violations(n, delta, change).ravel()
         pool = Pool(
             n=np.repeat(n, delta.shape[1]),
             delta=delta.ravel(),
@@ -215,6 +218,10 @@ class Task:
         if not (self.scene.safety.asked and kept.any()):
             return pool
         return replace(pool, violation=np.where(kept & (unsafe > 0), OVERTAKES + unsafe, pool.violation))
+
+    def _violations(self, n: IntArray, delta: FloatArray, change: FloatArray) -> IntArray:
+        scene = self.scene
+        return violations(self.seconds(n), delta, change, scene.v0, scene.D, self.limit, scene.start)
 
     def _of_later_start(self, pool: Pool, before: Before) -> Pool:
         """The pool with the losses before its start, without the plans that end ahead of the gap's leader."""

@@ -18,7 +18,7 @@ from highd_lc.core.drive import (
 )
 from highd_lc.core.ellipse import ellipse_clearance
 from highd_lc.core.losses import Charge, LossTerms, charge
-from highd_lc.core.quintic import SHARE_TOLERANCE, Quintic, sample
+from highd_lc.core.quintic import SHARE_TOLERANCE, Quintic, reaches, sample
 from highd_lc.planning.scene import MOMENT, Human, PackedScene
 from highd_lc.vocab.driver import TABLE3_MEANS
 
@@ -89,7 +89,8 @@ def plan_motion(plan: Quintic, scene: PackedScene) -> AvMotion:
     """The prescribed motion of a quintic plan; the samples after T are filled by ``replay``."""
     n = round(plan.T / scene.dt)
     s = sample(plan, np.arange(n + 1, dtype=np.float64) * scene.dt)
-    return _prescribed((s.x, s.y, s.vx, s.vy, s.ax, np.abs(s.jx) + np.abs(s.jy)), len(scene.target_v), n // 2)
+    crossing = reaches(0.5, n, scene.dt, plan.D, plan.start)
+    return _prescribed((s.x, s.y, s.vx, s.vy, s.ax, np.abs(s.jx) + np.abs(s.jy)), len(scene.target_v), crossing)
 
 
 def human_motion(human: Human, scene: PackedScene) -> AvMotion:
@@ -131,9 +132,12 @@ def box_centre(av: AvMotion, rear_to_centre: float) -> tuple[FloatArray, FloatAr
 def joins(av: AvMotion, scene: PackedScene, follower: int = 0) -> int:
     """Sample from which that follower has the AV as leader: once the AV has made the follower's share of its way.
 
-    Half of the way of a plan is its crossing. A recorded AV has made what its y says, as where followers are
+    At most 0 where it has had that leader since before these samples. Half of the way of a plan is its crossing. A
+    recorded AV has made what its y says, as where followers are
     predicted behind it: its lane-id crossing need not be half of its way. A share never made is N + 1.
     """
+    if follower == 0 and scene.joined.since <= 0:
+        return scene.joined.since
     moment = float(scene.reactions[follower, MOMENT])
     if moment == 0.0:
         return 0
@@ -209,10 +213,12 @@ def follow(
 ) -> None:
     """Drive the followers by their models: the first behind the target leader before sample ``insertion`` and
     behind the AV from then on, each other behind the one before. Fills x, v, a of shape (p, N + 1).
+
+    insertion: below 0, the first one has followed the AV for so long, and credits what ``scene.joined`` says.
     """
     dt = scene.dt
     p, samples = x.shape
-    credit, v_credit = 0.0, 0.0
+    _, credit, v_credit = scene.joined
     for i in range(p):
         x[i, 0], v[i, 0] = scene.follower_x[i], scene.follower_v[i]
     for k in range(samples):

@@ -58,7 +58,13 @@ def _which(gap: float, v: float, time_gap: float, of_gap: int) -> int:
 
 @njit(cache=True, nogil=True, error_model="numpy", **UNALIASED)
 def keep_ahead(
-    n: int, state: FloatArray, scene: PackedScene, av_front: FloatArray, av_v: FloatArray, unsafe: IntArray
+    n: int,
+    crossing: int,
+    state: FloatArray,
+    scene: PackedScene,
+    av_front: FloatArray,
+    av_v: FloatArray,
+    unsafe: IntArray,
 ) -> None:
     """Where the AV, from its crossing to H, comes too near to the leader of the target lane or gets too fast.
 
@@ -68,7 +74,7 @@ def keep_ahead(
     time_gap, brake, length = asked.time_gap, 0.5 / asked.drac, scene.target_length
     for w in range(WIDTH):
         state[JUMP * WIDTH + w] = np.inf
-    for k in range(n // 2, samples):
+    for k in range(crossing, samples):
         rear, target_v = scene.target_front[k] - length, scene.target_v[k]
         for w in range(WIDTH):
             v = av_v[k * WIDTH + w]
@@ -76,7 +82,7 @@ def keep_ahead(
             state[JUMP * WIDTH + w] = min(state[JUMP * WIDTH + w], gap)
     for w in range(WIDTH):
         if state[JUMP * WIDTH + w] < 0.0 and unsafe[w] == 0:
-            for k in range(n // 2, samples):
+            for k in range(crossing, samples):
                 v, gap = av_v[k * WIDTH + w], scene.target_front[k] - length - av_front[k * WIDTH + w]
                 if gap < _asked_gap(v, v - scene.target_v[k], time_gap, brake):
                     unsafe[w] = _which(gap, v, time_gap, 2)
@@ -91,7 +97,7 @@ def keep_ahead(
 
 @njit(cache=True, nogil=True, error_model="numpy", **UNALIASED)
 def keep_behind(
-    n: int,
+    crossing: int,
     state: FloatArray,
     scene: PackedScene,
     av_front: FloatArray,
@@ -105,7 +111,7 @@ def keep_behind(
     time_gap, brake, length = asked.time_gap, 0.5 / asked.drac, scene.length
     for w in range(WIDTH):
         state[JUMP * WIDTH + w] = np.inf
-    for k in range(n // 2, samples):
+    for k in range(crossing, samples):
         for w in range(WIDTH):
             at = k * WIDTH + w
             v = speed[at]
@@ -113,7 +119,7 @@ def keep_behind(
             state[JUMP * WIDTH + w] = min(state[JUMP * WIDTH + w], gap)
     for w in range(WIDTH):
         if state[JUMP * WIDTH + w] < 0.0 and unsafe[w] == 0:
-            for k in range(n // 2, samples):
+            for k in range(crossing, samples):
                 at = k * WIDTH + w
                 v, gap = speed[at], av_front[at] - length - front[at]
                 if gap < _asked_gap(v, v - av_v[at], time_gap, brake):

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from highd_lc.core.drive import LCM, family_code, hardest_braking
 from highd_lc.core.ellipse import semi_axes
 from highd_lc.core.losses import follower_weights
+from highd_lc.core.quintic import AT_REST, StartState
 from highd_lc.vocab import names
 from highd_lc.vocab.driver import TABLE3_MEANS
 from highd_lc.vocab.errors import UsageError
@@ -177,23 +178,44 @@ class SafetyLimits(NamedTuple):
 NOTHING_ASKED: Final = SafetyLimits(False, 0.0, 0.0, *(np.inf,) * 2, 0.0, 0.0, *(np.inf,) * 3)
 
 
+NOT_YET: Final = 1_000_000
+"""Sample since which a follower has a leader whom it does not have."""
+
+
+class Joined(NamedTuple):
+    """Since when the first follower has had the AV as its leader: a sample of at most 0, or ``NOT_YET``.
+
+    credit [m], v_credit [m/s]: what it credited of the change of leader then (``core.drive.jump``).
+    """
+
+    since: int
+    credit: float
+    v_credit: float
+
+
+NOT_JOINED: Final = Joined(NOT_YET, 0.0, 0.0)
+
+
 class PackedScene(NamedTuple):
     """Arrays of one scene. N + 1 samples, m leaders, p followers; lengths in m, speeds in m/s.
 
-    v0, D, length, rear_to_centre, a, b: of the AV (a, b: semi-axes). target_front, target_v, target_length: front,
-    speed and length of who leads the target lane, infinite, 0 and 0 without one; a later leader's front is its
-    rear plus the first one's length, so that gaps are right and L, which belongs to that length, stays right.
-    leader_x, leader_y (m, N + 1), leader_a, leader_b (m,): the target leader is the last. follower_* (p,),
-    parameters (p, 6), reactions (p, 7): how each turns them into a command, first_L: L of the first follower while
-    it is behind the target leader. clock: how long before sample 0 everybody's memory began to fade [s].
-    origin_follower: x, y, v, length, a, b, or empty. av_parameters (6,). weights (p,). after_lcm: the AV's drive
-    after T. counts_handover: whether the step of the AV's command onto that drive, from 0, is charged. hardest:
-    bound of everybody's commanded braking [m/s^2]. asks_all: whether contacts between the others count as well.
-    safety: what a safety profile asks beside, and how the AV is bounded after T.
+    v0, D, length, rear_to_centre, a, b: of the AV (D: y where it goes; a, b: semi-axes). start: its state beside
+    v0 at sample 0, joined: since when it is followed, both of a manoeuvre under way. target_front, target_v,
+    target_length: front, speed and length of who leads the target lane, infinite, 0 and 0 without one; a later
+    leader's front is its rear plus the first one's length, so that gaps are right and L, which belongs to that
+    length, stays right. leader_x, leader_y (m, N + 1), leader_a, leader_b (m,): the target leader is the last.
+    follower_* (p,), parameters (p, 6), reactions (p, 7): how each turns them into a command, first_L: L of the
+    first follower while it is behind the target leader. clock: how long before sample 0 everybody's memory began
+    to fade [s]. origin_follower: x, y, v, length, a, b, or empty. av_parameters (6,). weights (p,). after_lcm:
+    the AV's drive after T. counts_handover: whether the step of the AV's command onto that drive, from 0, is
+    charged. hardest: bound of everybody's commanded braking [m/s^2]. asks_all: whether contacts between the
+    others count as well. safety: what a safety profile asks beside, and how the AV is bounded after T.
     """
 
     v0: float
     D: float
+    start: StartState
+    joined: Joined
     length: float
     rear_to_centre: float
     a: float
@@ -257,6 +279,8 @@ def pack(scene: Scene, settings: ValidateSettings) -> PackedScene:
     return PackedScene(
         v0=scene.v0,
         D=scene.lateral_shift,
+        start=AT_REST,
+        joined=NOT_JOINED,
         length=scene.length,
         rear_to_centre=scene.wheelbase / 2.0,
         a=a,
@@ -332,23 +356,6 @@ def leaders_of(scene: Scene) -> dict[str, Motion]:
 def obstacle_count(scene: PackedScene) -> int:
     """How many obstacles the kernels number in a scene."""
     return len(scene.leader_a) + len(scene.follower_x) + (1 if len(scene.origin_follower) else 0)
-
-
-def contact_words(roles: tuple[str, ...]) -> tuple[str, ...]:
-    """What stands in a candidate's way, by the kernels' numbers: ellipses, then who drives through whom.
-
-    With R roles: r: the AV's ellipse and that of r; R + r: r through the vehicle before it on the target lane;
-    2 R + r: r through the AV; 3 R + r: the AV through r. roles: see ``obstacle_roles``.
-    """
-    before = dict(zip(_lane_of(roles)[1:], _lane_of(roles), strict=False))
-    pairs = [(role, before.get(role, role)) for role in roles]
-    pairs += [(role, names.EGO) for role in roles] + [(names.EGO, role) for role in roles]
-    return (*(f"clearance_{role}" for role in roles), *(f"contact_{names.through(*pair)}" for pair in pairs))
-
-
-def _lane_of(roles: tuple[str, ...]) -> list[str]:
-    """The roles on the target lane, foremost first."""
-    return [role for role in roles if role not in (names.ORIGIN_LEADER, names.ORIGIN_FOLLOWER)]
 
 
 def _axes(length: float, width: float, paper: bool) -> tuple[float, float]:

@@ -157,7 +157,8 @@ def possible_durations(task: Task) -> IntArray:
     """Durations whose lateral motion keeps the limits: it does not depend on the rest."""
     n = task.durations
     zero = np.zeros((len(n), 1))
-    codes = violations(task.seconds(n), zero, zero, task.scene.v0, task.scene.D, task.limit)[:, 0]
+    scene = task.scene
+    codes = violations(task.seconds(n), zero, zero, scene.v0, scene.D, task.limit, scene.start)[:, 0]
     possible: IntArray = n[(codes != 1) & (codes != 2)]
     return possible
 
@@ -300,7 +301,7 @@ def grid(task: Task, n: IntArray, *, free: bool) -> Pool:
     """Plans of the durations n [samples] on the nodes of the settings."""
     T = task.seconds(n)[:, None, None]
     change = _changes(task, T, free)
-    low, high = forward_interval(T, change, task.scene.v0, task.limit)
+    low, high = forward_interval(T, change, task.scene.v0, task.limit, task.scene.start.ax)
     # Dense about the smoothest motion, which is also a node: the jerk sum has a kink there.
     nodes = x_nodes(task, free)
     s = np.linspace(-1.0, 1.0, nodes) + np.zeros((len(n), 1, 1))
@@ -315,7 +316,7 @@ def grid(task: Task, n: IntArray, *, free: bool) -> Pool:
 def _changes(task: Task, T: FloatArray, free: bool) -> FloatArray:
     """Nodes of v_end - v0 [m/s], shape (rows, nodes, 1): the jerk at both ends leaves |change| <= j T^2 / 6."""
     if not free:
-        return np.zeros((len(T), 1, 1))
+        return np.full((len(T), 1, 1), task.change)
     widest = task.limit.jerk * T**2 / 6.0
     low = np.maximum(task.limit.v_min - task.scene.v0, -widest)
     high = np.minimum(task.limit.v_max - task.scene.v0, widest)

@@ -35,6 +35,7 @@ from highd_lc.core.drive import LCM
 from highd_lc.core.ellipse import ellipses_overlap
 from highd_lc.core.losses import Charge, LossTerms, charge, command_jerk
 from highd_lc.planning.contacts import NO_CONTACT
+from highd_lc.planning.later import Around, AvState, later_scene, own_lane
 from highd_lc.planning.limits import limits_of
 from highd_lc.planning.planner import PlanningProblem
 from highd_lc.planning.pool import Before, Goal, Pool, Task
@@ -100,11 +101,8 @@ def wait(scene: Scene, packed: PackedScene, *, behind_leader: bool) -> Waiting:
 
     packed: the scene's arrays.
     """
-    origin, samples = scene.origin_leader, len(packed.target_v)
-    front = np.full(samples, np.inf) if origin is None else origin.x + origin.length / 2.0
-    speed = np.zeros(samples) if origin is None else origin.v
-    av = free_motion(packed)
-    lane = packed._replace(target_front=front, target_v=speed, after_lcm=behind_leader)
+    samples, av = len(packed.target_v), free_motion(packed)
+    lane = own_lane(packed, scene.origin_leader)._replace(after_lcm=behind_leader)
     drive_on(av.x, av.y, av.vx, av.ax, av.jerk, 0, lane)
     x, v, a = (np.empty((len(packed.follower_x), samples)) for _ in range(3))
     follow(av.x, av.vx, samples, packed, x, v, a)
@@ -211,21 +209,11 @@ class Gap:
 
     def delayed(self, d: int, waiting: Waiting) -> PackedScene:
         """The gap's scene with sample d of the event as its t_start and the AV's place there as its origin."""
-        scene, x0 = self.scene, float(waiting.av.x[d])
-        origin = scene.origin_follower
-        if len(origin):
-            origin = np.array([waiting.origin_x[d] - x0, origin[1], waiting.origin_v[d], *origin[3:]])
-        return scene._replace(
-            v0=float(waiting.av.vx[d]),
-            target_front=scene.target_front[d:] - x0,
-            target_v=scene.target_v[d:].copy(),
-            leader_x=np.ascontiguousarray(scene.leader_x[:, d:]) - x0,
-            leader_y=np.ascontiguousarray(scene.leader_y[:, d:]),
-            follower_x=self.x[:, d] - x0,
-            follower_v=self.v[:, d].copy(),
-            clock=scene.clock + d * scene.dt,
-            origin_follower=origin,
-        )
+        origin = None
+        if len(self.scene.origin_follower):
+            origin = float(waiting.origin_x[d]), float(waiting.origin_v[d])
+        av = AvState(float(waiting.av.x[d]), float(waiting.av.vx[d]))
+        return later_scene(self.scene, d, av, Around(self.x[:, d], self.v[:, d], origin))
 
 
 def find_gaps(scene: Scene, packed: PackedScene, terms: LossTerms, waiting: Waiting) -> list[Gap]:

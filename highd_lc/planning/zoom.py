@@ -24,7 +24,7 @@ from highd_lc.core.losses import LossTerms
 from highd_lc.planning.candidates import Outcomes, evaluate_into, new_outcomes
 from highd_lc.planning.contacts import NO_CONTACT, WIDTH
 from highd_lc.planning.crowd import Crowd, own_crowd
-from highd_lc.planning.limits import Limits, forward_interval, violation
+from highd_lc.planning.limits import Limits, forward_interval, started_violation
 from highd_lc.planning.pool import NOTHING_BEFORE, OVERTAKES, Before, Goal, Pool, Task
 from highd_lc.planning.scene import PackedScene
 from highd_lc.vocab import names
@@ -148,14 +148,14 @@ def _follow_valleys(
         )  # fmt: skip
         for s in range(starts):
             _place_cloud(
-                n[s] * scene.dt, centre[s], frame[s], cloud, scene.v0, limit, delta[level, s], change[level, s]
+                n[s] * scene.dt, centre[s], frame[s], cloud, scene, limit, delta[level, s], change[level, s]
             )
         evaluate_into(n, delta[level], change[level], scene, crowd, terms, at)
         for s in range(starts):
             T = n[s] * scene.dt
             for w in range(WIDTH):
                 d, c = delta[level, s, w], change[level, s, w]
-                code = violation(T, d, c, scene.v0, scene.D, limit)
+                code = started_violation(T, d, c, scene.v0, scene.D, scene.start, limit)
                 if starts_later:
                     front = scene.length / 2.0 + scene.v0 * T + d
                     code = OVERTAKES if code == 0 and front >= scene.target_front[n[s]] else code
@@ -190,7 +190,7 @@ def _place_cloud(
     centre: FloatArray,
     frame: FloatArray,
     cloud: FloatArray,
-    v0: float,
+    scene: PackedScene,
     limit: Limits,
     delta: FloatArray,
     change: FloatArray,
@@ -199,8 +199,8 @@ def _place_cloud(
     for w in range(WIDTH):
         bend = centre[0] + frame[0, 0] * cloud[w, 0] + frame[0, 1] * cloud[w, 1]
         wanted = centre[1] + frame[1, 0] * cloud[w, 0] + frame[1, 1] * cloud[w, 1]
-        change[w] = min(max(wanted, limit.v_min - v0), limit.v_max - v0)
-        low, high = _forward_interval(T, change[w], v0, limit)
+        change[w] = min(max(wanted, limit.v_min - scene.v0), limit.v_max - scene.v0)
+        low, high = _forward_interval(T, change[w], scene.v0, limit, scene.start.ax)
         delta[w] = min(max(bend + change[w] * T / 2.0, low), max(high, low))
 
 

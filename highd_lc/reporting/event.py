@@ -38,7 +38,8 @@ class Play:
 
     T: end of the manoeuvre [s], NaN where there is none; delay_s: its start [s]. ego,
     followers (nearest first): their motions; jerk: the |jx| + |jy| charged to the ego [m/s^3], shape (N + 1,).
-    measured: whether these are recorded data.
+    measured: whether these are recorded data. plans: of who plans anew on the way, when each was made [s], and the
+    planned x and y from there on [m].
     """
 
     policy: str
@@ -49,6 +50,7 @@ class Play:
     followers: tuple[Path, ...]
     measured: bool = False
     delay_s: float = 0.0
+    plans: tuple[tuple[float, FloatArray, FloatArray], ...] = ()
 
 
 @dataclass(frozen=True)

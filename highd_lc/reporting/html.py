@@ -77,6 +77,7 @@ PAGES: Final = (
     ("matrix.html", "Validation matrix"),
     ("studies.html", "Robustness"),
     ("multiverse.html", "Multiverse"),
+    ("closed_loop.html", "Closed loop"),
     ("start.html", "Start"),
     ("calibration.html", "Calibration"),
     ("data.html", "Data"),

@@ -46,6 +46,9 @@ POLICIES: Final = {
     names.LOCAL_OPTIMUM_ROBUST_FREE: Look(
         "Robust local optimum, free end speed", "#2E7D6E", "#86d9cd", dashed=True
     ),
+    names.BENCHMARK_REPLANNED: Look("Benchmark, replanned", "#B34700", "#ff8f4d"),
+    names.LOCAL_OPTIMUM_REPLANNED: Look("Local optimum, replanned", "#005A8C", "#3fa0e0"),
+    names.LOCAL_OPTIMUM_ROBUST_REPLANNED: Look("Robust local optimum, replanned", "#00574C", "#35b0a1"),
 }
 
 ACCOUNTINGS: Final = {

@@ -127,8 +127,14 @@ def _plays(plays: Iterable[Play], step: float, drive: FloatArray) -> Iterator[di
             "accountings": list(play.accountings),
             "T": round(play.T, 2) if np.isfinite(play.T) else None,
             "start": round(play.delay_s, 2),
+            **({"plans": [_plan(*plan) for plan in play.plans]} if play.plans else {}),
             **motion,
         }
+
+
+def _plan(t: float, x: FloatArray, y: FloatArray) -> list[Any]:
+    """When a plan was made, and its x and y."""
+    return [round(t, 2), np.round(x, 1).tolist(), np.round(y, 2).tolist()]
 
 
 def _channels(play: Play, drive: FloatArray) -> list[FloatArray]:

@@ -38,6 +38,7 @@ from highd_lc.reporting.event import (
     Surface,
     TrackTrace,
 )
+from highd_lc.stages.closed_loop import DRIVES, MOTIONS, REPLANS, loop_plays
 from highd_lc.stages.scene_drivers import Columns
 from highd_lc.stages.scenes import SceneTables, leads, read_scene_tables, surrounding
 from highd_lc.stages.trajectories import prediction_trace
@@ -253,6 +254,7 @@ def _ego(av: AvMotion, scene: Scene, *, at_rear_axle: bool) -> Path:
 PERIOD: Final = 0.1
 """Time step of all motions on a page [s]: the planner's, and the finest that a page to be shared may carry."""
 _READ: Final = ("plans", "losses", "tracking")
+_DRIVEN: Final = (DRIVES, REPLANS, MOTIONS)
 
 
 @dataclass(frozen=True)
@@ -284,6 +286,7 @@ def read_tables(job: Job) -> RecordingTables:
     recorded = [("policy", "==", RECORDED)]
     behind = artefacts.read_partition(job.work, "trajectories", job.recording, where=recorded)
     rows = {name: _by_event(frame[frame["followers"] == default]) for name, frame in found.items()}
+    rows |= {name: _by_event(artefacts.read(job.work, name, recording=job.recording)) for name in _DRIVEN}
     events: list[Any] = scenes.events.to_dict("records")
     return RecordingTables(
         scenes=scenes,
@@ -342,7 +345,11 @@ def event_report(event: Row, tables: RecordingTables, scene: Scene, settings: Va
         boxes=boxes,
         others={role: Path(m.x, m.y, m.v, m.a) for role, m in surrounding(scene).items()},
         observed={role: m.observed for role, m in surrounding(scene).items()},
-        plays=(*policy_plays(problem, of_event["plans"]), _recorded_play(event, tracks, grid)),
+        plays=(
+            *policy_plays(problem, of_event["plans"]),
+            _recorded_play(event, tracks, grid),
+            *loop_plays(*(of_event[name] for name in _DRIVEN)),
+        ),
         plans=of_event["plans"],
         losses=of_event["losses"],
         fits=of_event["followers"],

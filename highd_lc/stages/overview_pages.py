@@ -22,6 +22,8 @@ from highd_lc.reporting.event import FitTrace
 from highd_lc.reporting.follower_words import LOSS_COLUMNS
 from highd_lc.reporting.follower_words import PAGE as PREDICTION_PAGE
 from highd_lc.reporting.html import TO_REPORT, TO_SCENARIOS, Crosslink
+from highd_lc.reporting.pages_closed_loop import PAGE as CLOSED_LOOP_PAGE
+from highd_lc.reporting.pages_closed_loop import closed_loop_page
 from highd_lc.reporting.pages_data import Section, believed_section, data_page, empty_page, excluded_page
 from highd_lc.reporting.pages_followers import CalibrationTables, calibration_page
 from highd_lc.reporting.pages_index import IndexTables, SummaryTables, index_page, summary_page
@@ -154,6 +156,10 @@ def _multiverse(overview: Overview) -> str:
     return multiverse_page(artefacts.read(overview.work, "multiverse"), [overview.first])
 
 
+def _closed_loop(overview: Overview) -> str:
+    return closed_loop_page(artefacts.read(overview.work, "closed_loop"), [overview.first])
+
+
 def write_multiverse(work: Path, reports: Path, settings: ValidateSettings) -> None:
     """Write the page of the multiverse alone. work: of a finished validation; settings: of the run."""
     model, b_max = settings.follower_models[0], settings.followers.b_max
@@ -212,6 +218,7 @@ _MAKERS: Final[Mapping[str, Callable[[Overview], str]]] = {
     "matrix.html": _matrix,
     "studies.html": _studies,
     MULTIVERSE_PAGE: _multiverse,
+    CLOSED_LOOP_PAGE: _closed_loop,
     "calibration.html": _calibration_page,
     PREDICTION_PAGE: _prediction,
     "data.html": _data,
@@ -223,6 +230,7 @@ _SHOWN: Final = {
     "matrix.html": ("Validation matrix", "losses"),
     "studies.html": ("Robustness", "losses"),
     MULTIVERSE_PAGE: ("Multiverse", "losses"),
+    CLOSED_LOOP_PAGE: ("Closed loop", "losses"),
     "start.html": ("Choice of the start", "losses"),
     "calibration.html": ("Calibration", "followers"),
 }

@@ -17,6 +17,7 @@ from highd_lc.planning.scene import Scene
 from highd_lc.planning.start_planner import plan_starts
 from highd_lc.scoring import charges
 from highd_lc.scoring.charges import Scores
+from highd_lc.stages import closed_loop
 from highd_lc.stages.other_planners import OtherPlanners, leaderboard, other_rows
 from highd_lc.stages.population_tables import (
     cross_scores,
@@ -88,7 +89,10 @@ from highd_lc.vocab.settings import ValidateSettings
 from highd_lc.vocab.tables import TABLES
 
 STAGE = "validate"
-PART_TABLES = ("plans", "losses", "tracking", "safety_losses", *STUDY_TABLES, "other_plans")
+PART_TABLES = (
+    "plans", "losses", "tracking", "safety_losses", *STUDY_TABLES, "other_plans",
+    closed_loop.DRIVES, closed_loop.REPLANS, closed_loop.MOTIONS,
+)  # fmt: skip
 
 Row = dict[str, Any]
 
@@ -105,11 +109,12 @@ def run(job: Job) -> JobReport:
     judges = judges_of(job.work, settings)
     tables = read_scene_tables(job.work, job.recording, settings, also=judges.every)
     judged = judged_drivers(job.work, job.recording) if chosen.traced else {}
-    makers = scene_makers(tables, settings)
+    makers, drives = scene_makers(tables, settings), closed_loop.Drives.of(job, tables, chosen.replanned, judges)
     for event, (event_id, scene_of) in zip(tables.events.itertuples(), makers, strict=True):
         try:
             planned = _planned(scene_of(), tables, job, chosen, judges)
             found = list(_event_rows(planned, job, chosen, others_asked))
+            found += drives.rows(planned[0])
             traced = list(_traces(event, planned, tables, settings, judged)) if event_id in chosen.traced else []
         except Exception as error:
             # One bad event never stops the others, and is left out as a whole: it is listed with its reason.
@@ -122,6 +127,7 @@ def run(job: Job) -> JobReport:
         artefacts.write_part(job, STAGE, name, _frame(name, of_table))
     write_traces(job, traces)
     others_asked.log_times(job)
+    drives.log_times()
     return JobReport({name: len(of_table) for name, of_table in rows.items()}, tuple(problems))
 
 

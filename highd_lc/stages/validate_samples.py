@@ -46,8 +46,8 @@ class Samples:
     """Ids of the events that are studied, of those on which the solvers are compared, of those whose start is
     chosen as well, of those among them that are planned with predicted leaders, of those whose plans the
     multi-body car drives, of those that the further follower models plan too, of those planned robustly as
-    well, of those with written motions, of those that are planned under both safety profiles, and of those
-    that are planned under every choice of the multiverse.
+    well, of those with written motions, of those that are planned under both safety profiles, of those that
+    are planned under every choice of the multiverse, and of those that are driven in the closed loop.
     """
 
     studied: frozenset[str]
@@ -60,6 +60,7 @@ class Samples:
     traced: frozenset[str]
     priced: frozenset[str]
     varied: frozenset[str]
+    replanned: frozenset[str]
 
 
 def samples(job: Job) -> Samples:
@@ -69,7 +70,17 @@ def samples(job: Job) -> Samples:
     drawn = _drawn(job.work, drawn_at, settings, job.settings.seed)
     if not settings.studies.chosen:
         return drawn
-    studies = ("studied", "compared", "started", "foreseen", "multi_body", "robust", "priced", "varied")
+    studies = (
+        "studied",
+        "compared",
+        "started",
+        "foreseen",
+        "multi_body",
+        "robust",
+        "priced",
+        "varied",
+        "replanned",
+    )
     return replace(drawn, **dict.fromkeys(studies, frozenset(settings.studies.chosen)))
 
 
@@ -97,6 +108,7 @@ def _drawn(work: Path, written: int, settings: ValidateSettings, seed: int) -> S
         traced=sample(_ALL if every else _TRACED[settings.trajectories]),
         priced=sample(studies.safety_sample),
         varied=sample(settings.multiverse.sample),
+        replanned=sample(settings.closed_loop.events),
     )
 
 

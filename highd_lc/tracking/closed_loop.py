@@ -241,13 +241,32 @@ def drive_mpc(
     offset, shape (3,), and noise, shape (n + 1, 3): see ``Disturbance``. The car arrives with the reference's
     first input.
     """
-    model_wheelbase, plant_wheelbase = wheelbases
-    held, measured = np.empty(2), np.empty(3)
+    held = np.empty(2)
     held[0], held[1] = rows[0, SPEED], rows[0, STEERING]
     for c in range(3):
         log.states[0, c] = rows[0, c] + offset[c]
-    last = log.inputs.shape[0] - 1
-    for k in range(last + 1):
+    drive_span((0, log.inputs.shape[0]), held, rows, wheelbases, noise, p, memory, log)
+
+
+@njit(cache=True, nogil=True)
+def drive_span(
+    span: tuple[int, int],
+    held: FloatArray,
+    rows: FloatArray,
+    wheelbases: tuple[float, float],
+    noise: FloatArray,
+    p: MpcParameters,
+    memory: MpcMemory,
+    log: Log,
+) -> None:
+    """The closed loop over the samples first .. stop - 1, from the log's state at the first one on.
+
+    held, shape (2,): speed [m/s] and steering [rad] held until then; at the end those of the last sample. The
+    rest: see ``drive_mpc``. Rows beyond the span may be written anew before it goes on.
+    """
+    model_wheelbase, plant_wheelbase = wheelbases
+    measured, last = np.empty(3), log.inputs.shape[0] - 1
+    for k in range(span[0], span[1]):
         for c in range(3):
             measured[c] = log.states[k, c] + noise[k, c]
         flag = control(measured, held, rows, k, model_wheelbase, p, memory)

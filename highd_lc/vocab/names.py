@@ -55,6 +55,12 @@ POLICIES: Final = (
     *ROBUST_POLICIES,
 )
 
+# Policies that plan anew while they drive (equations.md 7.5): they stand in the closed loop's tables alone.
+BENCHMARK_REPLANNED: Final = "benchmark_replanned"
+LOCAL_OPTIMUM_REPLANNED: Final = "local_optimum_replanned"
+LOCAL_OPTIMUM_ROBUST_REPLANNED: Final = "local_optimum_robust_replanned"
+REPLANNED_POLICIES: Final = (BENCHMARK_REPLANNED, LOCAL_OPTIMUM_REPLANNED, LOCAL_OPTIMUM_ROBUST_REPLANNED)
+
 # Forms of the plan: end speed equal to the start speed, or free (equations.md 2.2).
 FIXED: Final = "fixed"
 FREE: Final = "free"
@@ -96,6 +102,24 @@ PLAN_STATUSES: Final = (SOLVED, REFERENCE, CONTACT, INFEASIBLE, INFEASIBLE_AT_ST
 # What the AV does that may not change lane as a policy asks (equations.md 5.9): it waits, or stays in its lane.
 WAIT: Final = "wait"
 FALLBACKS: Final = ("", WAIT, NO_LANE_CHANGE)
+
+# Outcomes of a closed loop: the lane change was made, given up on the way, or never begun.
+CHANGED: Final = "changed_lane"
+ABORTED: Final = "aborted"
+NEVER_BEGUN: Final = "never_begun"
+DRIVE_STATUSES: Final = (CHANGED, ABORTED, NEVER_BEGUN)
+# What comes of planning anew (equations.md 7.5): another plan, or the one that is driven. Where none is permitted:
+# back to the lane it came from, a plan of another end speed, one that keeps the ellipses alone, the one that
+# touches somebody latest, the last one all the same. Before a manoeuvre has begun: not yet.
+REPLANNED: Final = "new_plan"
+KEPT: Final = "kept"
+TURNED_BACK: Final = "turned_back"
+FREED: Final = "freed_speed"
+RELAXED: Final = "ellipses_alone"
+LATEST: Final = "latest_contact"
+HELD: Final = "held"
+WAITED: Final = "waited"
+VERDICTS: Final = (REPLANNED, KEPT, TURNED_BACK, FREED, RELAXED, LATEST, HELD, WAITED)
 
 # Statuses of a fit of the LCM (equations.md 9.8).
 FITTED: Final = "fitted"

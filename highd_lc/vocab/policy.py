@@ -36,7 +36,7 @@ class Policy:
     form: end speed fixed or free; "" for a reference, which is not searched. weighs_followers: whether the
     followers' loss counts beside the AV's (omega_AV below 1). chooses_start: whether moment and gap are unknowns
     as well. robust: whether the followers are unknown, so that their loss is one over a crowd of drivers
-    (equations.md 7.4).
+    (equations.md 7.4). replans: whether it plans anew while it drives (equations.md 7.5).
     """
 
     name: str
@@ -44,6 +44,7 @@ class Policy:
     weighs_followers: bool = False
     chooses_start: bool = False
     robust: bool = False
+    replans: bool = False
 
     @property
     def searched(self) -> bool:
@@ -68,6 +69,17 @@ class Policy:
         pair = (names.BENCHMARK, names.LOCAL_OPTIMUM)
         mine, other = pair[::-1] if self.weighs_followers else pair
         return plain.replace(mine, other) if self.searched else ""
+
+    @property
+    def planned_once(self) -> str:
+        """The policy that plans as this one does, once and for all."""
+        return next(
+            other.name
+            for other in POLICIES.values()
+            if not other.chooses_start
+            and (other.form, other.weighs_followers, other.robust)
+            == (self.form, self.weighs_followers, self.robust)
+        )
 
     @property
     def without_choice(self) -> str:
@@ -112,3 +124,15 @@ PAIRS: Final = {form: pair for form, pair in _PAIRS.items() if form not in names
 """The policies that each form compares: benchmark, local optimum."""
 ROBUST_PAIRS: Final = {form: pair for form, pair in _PAIRS.items() if form in names.ROBUST_FORMS}
 """The same of plans for unknown followers, which are made on a sample of the events."""
+
+REPLANNED: Final = {
+    policy.name: policy
+    for policy in (
+        Policy(names.BENCHMARK_REPLANNED, names.FIXED, replans=True),
+        Policy(names.LOCAL_OPTIMUM_REPLANNED, names.FIXED, weighs_followers=True, replans=True),
+        Policy(
+            names.LOCAL_OPTIMUM_ROBUST_REPLANNED, names.FIXED, weighs_followers=True, robust=True, replans=True
+        ),
+    )
+}
+"""The policies of the closed loop, which no other table holds."""

@@ -3,7 +3,7 @@
 The recorder's say what the road, the traffic and the camera of a recording are like.
 """
 
-from typing import Annotated, Literal
+from typing import Annotated, Final, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
@@ -203,6 +203,43 @@ class RobustSettings(BaseModel):
     def share(self) -> float:
         """Share of the draws whose losses count, the largest ones."""
         return 1.0 if self.aggregate == "mean" else self.worst_share
+
+
+CONSTANT_SPEED: Final = "constant_speed"
+CONSTANT_ACCELERATION: Final = "constant_acceleration"
+FOLLOWER_MODEL: Final = "lcm"
+RECORDED_LEADERS: Final = "recorded"
+"""How the closed loop predicts leaders; ``RECORDED_LEADERS`` is perfect foresight."""
+
+
+class ClosedLoopSettings(BaseModel):
+    """Driving with plans that are made anew on the way (equations.md 7.5)."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    events: Annotated[
+        int, Field(ge=0, le=100000, description="events driven so, stratified and seeded; 0 = none")
+    ] = 40
+    every_s: Annotated[
+        float, Field(ge=0.1, le=60, multiple_of=0.1, description="time from one plan to the next [s]")
+    ] = 0.5
+    leaders: Annotated[
+        Literal["constant_speed", "constant_acceleration", "lcm", "recorded"],
+        Field(
+            description="leaders as the AV predicts them: at constant speed; with the acceleration measured, for "
+            "2 s; by the LCM on a free road (Table 3 means); as recorded: perfect foresight"
+        ),
+    ] = "constant_speed"
+    followers: Annotated[
+        str, Field(description="follower model by which the AV predicts them; empty = the one that plans")
+    ] = ""
+    world: Annotated[
+        str, Field(description="follower model that drives them; empty = the one by which the AV predicts them")
+    ] = ""
+    tracker: Annotated[
+        Literal["mpc", "none"],
+        Field(description="mpc: the bicycle under the MPC drives; none: the AV is where it planned to be"),
+    ] = "mpc"
 
 
 class MultiverseSettings(BaseModel):

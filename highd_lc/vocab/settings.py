@@ -9,6 +9,7 @@ from highd_lc.vocab.errors import SettingsError
 from highd_lc.vocab.follower_names import parse
 from highd_lc.vocab.safety import SafetySettings
 from highd_lc.vocab.sections import (
+    ClosedLoopSettings,
     ConstraintSettings,
     LossSettings,
     MultiverseSettings,
@@ -299,6 +300,7 @@ class ValidateSettings(Section):
     studies: StudySettings = StudySettings()
     robust: RobustSettings = RobustSettings()
     multiverse: MultiverseSettings = MultiverseSettings()
+    closed_loop: ClosedLoopSettings = ClosedLoopSettings()
     planners: Annotated[
         tuple[Annotated[str, Field(min_length=1)], ...],
         Field(description="planners of others beside ours: module:function, or names of entry points"),
@@ -323,6 +325,13 @@ class ValidateSettings(Section):
         if default == names.OWN_FIT and parameters != "fitted":
             default = parameters
         return tuple(dict.fromkeys((default, *(self.followers.also if self.followers.also_sample else ()))))
+
+    @model_validator(mode="after")
+    def _known_drivers(self) -> "ValidateSettings":
+        """Every name of the closed loop means a follower model."""
+        given = self.closed_loop.followers, self.closed_loop.world
+        _refuse_unknown("closed_loop", *(name for name in given if name))
+        return self
 
     @model_validator(mode="after")
     def _one_default_model(self) -> "ValidateSettings":

@@ -19,6 +19,8 @@ IntArray = NDArray[np.int64]
 
 Z = np.polynomial.Polynomial([0, 0, 0, 10, -15, 6])
 Q = np.polynomial.Polynomial([0, 0, 0, -4, 7, -3])
+R = np.polynomial.Polynomial([0, 0, 0.5, -1.5, 1.5, -0.5])
+S = np.polynomial.Polynomial([0, 1, 0, -6, 8, -3])
 GOLDEN = 0.3819660112501051
 DIRECTIONS = 24
 
@@ -92,7 +94,7 @@ def unsafe_codes(n: IntArray, av: tuple, follower: tuple, scene: PackedScene) ->
     if not asked.asked:
         return np.zeros(len(n), np.int64)
     front, vx = av
-    counts = np.arange(front.shape[1]) >= (n // 2)[:, None]
+    counts = np.arange(front.shape[1]) >= crossing_samples(n, scene)[:, None]
     code = np.zeros(len(n), np.int64)
     closing = max(scene.follower_v[0] - scene.v0, 0.0)
     critical = closing * asked.delay + closing**2 / (2 * asked.braking) + scene.v0 * asked.left if closing else 0.0
@@ -135,10 +137,12 @@ def _av(n: IntArray, delta: FloatArray, change: FloatArray, scene: PackedScene, 
     T = (n * scene.dt)[:, None]
     u = np.minimum(k / n[:, None], 1.0)
     d, c = delta[:, None], change[:, None]
-    x = scene.v0 * u * T + d * Z(u) + T * c * Q(u)
-    vx = scene.v0 + d / T * Z.deriv()(u) + c * Q.deriv()(u)
-    y, vy = scene.D * Z(u), scene.D / T * Z.deriv()(u)
-    jerk = np.abs(d / T**3 * Z.deriv(3)(u) + c / T**2 * Q.deriv(3)(u)) + np.abs(scene.D / T**3 * Z.deriv(3)(u))
+    ax = scene.start.ax
+    x = scene.v0 * u * T + d * Z(u) + T * c * Q(u) + T**2 * ax * R(u)
+    vx = scene.v0 + d / T * Z.deriv()(u) + c * Q.deriv()(u) + T * ax * R.deriv()(u)
+    jx = d / T**3 * Z.deriv(3)(u) + c / T**2 * Q.deriv(3)(u) + ax / T * R.deriv(3)(u)
+    y, vy, jy = (lateral(u, T, scene, order) for order in (0, 1, 3))
+    jerk = np.abs(jx) + np.abs(jy)
     a = np.zeros_like(x)
     for i in k:
         after = i >= n
@@ -160,6 +164,26 @@ def _av(n: IntArray, delta: FloatArray, change: FloatArray, scene: PackedScene, 
     return x, vx, y, vy, charged(loss, n), loss.sum(axis=1)
 
 
+def lateral(u: FloatArray, T: FloatArray, scene: PackedScene, order: int) -> FloatArray:
+    """y of the AV or a derivative of it by time."""
+    start = scene.start
+    shapes = (p.deriv(order) if order else p for p in (Z, S, R))
+    parts = zip((scene.D - start.y, T * start.vy, T**2 * start.ay), shapes, strict=True)
+    return (start.y if order == 0 else 0.0) + sum(size * shape(u) for size, shape in parts) / T**order
+
+
+def crossing_samples(n: IntArray, scene: PackedScene) -> IntArray:
+    """Sample of each candidate's crossing: n // 2, or the nearest one where it starts under way."""
+    if scene.start == (0.0, 0.0, 0.0, 0.0):
+        return n // 2
+    return np.array([_first_of(lateral((np.arange(m) + 0.5) / m, m * scene.dt, scene, 0), 0.5, scene) for m in n])
+
+
+def _first_of(y: FloatArray, share: float, scene: PackedScene) -> int:
+    made = np.flatnonzero(y / scene.D >= share - 1e-9)
+    return int(made[0]) if len(made) else len(y)
+
+
 def _followers(n: IntArray, front: FloatArray, vx: FloatArray, scene: PackedScene, terms: LossTerms) -> tuple:
     """The followers' losses to T and to H, their box centres, each of shape (candidates, samples), and the first
     one's speed.
@@ -176,7 +200,7 @@ def _followers(n: IntArray, front: FloatArray, vx: FloatArray, scene: PackedScen
 
 def _chain(n: IntArray, front: FloatArray, vx: FloatArray, scene: PackedScene) -> Iterator[tuple]:
     """Fronts, speeds and commands of the followers behind the AV's front and speed, nearest first."""
-    inserted = joining_samples(n, scene.reactions[0, MOMENT])
+    inserted = joining_samples(n, scene.reactions[0, MOMENT], scene)
     before = np.arange(front.shape[1]) < inserted[:, None]
     ahead, ahead_v = np.where(before, scene.target_front, front), np.where(before, scene.target_v, vx)
     for i, parameters in enumerate(scene.parameters):
@@ -189,11 +213,13 @@ def _chain(n: IntArray, front: FloatArray, vx: FloatArray, scene: PackedScene) -
         yield ahead, ahead_v, a
 
 
-def joining_samples(n: IntArray, moment: float) -> IntArray:
-    """Sample at which each candidate's AV has made that share of its lateral way; half of it is n // 2."""
+def joining_samples(n: IntArray, moment: float, scene: PackedScene) -> IntArray:
+    """Sample at which each candidate's AV has made that share of its lateral way; half of it is the crossing."""
+    if scene.joined.since <= 0:
+        return np.full(len(n), scene.joined.since)
     if moment == 0.5:
-        return n // 2
-    return np.array([np.argmax(Z(np.arange(m + 1) / m) >= moment - 1e-9) for m in n])
+        return crossing_samples(n, scene)
+    return np.array([_first_of(lateral(np.arange(m + 1) / m, m * scene.dt, scene, 0), moment, scene) for m in n])
 
 
 def _react(
@@ -205,7 +231,8 @@ def _react(
     _, _, b, B, tau, every_L = parameters
     front, v, a = (np.empty_like(ahead) for _ in range(3))
     front[:, 0], v[:, 0] = start
-    jump, v_jump, dt = np.zeros(len(ahead)), np.zeros(len(ahead)), scene.dt
+    _, credit, v_credit = scene.joined if i == 0 else (0, 0.0, 0.0)
+    jump, v_jump, dt = np.full(len(ahead), credit), np.full(len(ahead), v_credit), scene.dt
     for k in range(ahead.shape[1]):
         spacing, v_leader, now, L = ahead[:, k] - front[:, k], ahead_v[:, k], v[:, k], every_L[:, k]
         joins = (k == inserted) & (i == 0) & (relaxation > 0)
@@ -255,7 +282,7 @@ def _obstacles(n: IntArray, av: tuple, followers: list[FloatArray], scene: Packe
         x0, y0, v0, length, a, b = scene.origin_follower
         start = x0 + length / 2, v0
         front, _, _ = _follow(x + scene.length / 2, vx, start, tuple(TABLE3_MEANS.as_array()), scene)
-        yield front - length / 2, y0, a, b, n // 2
+        yield front - length / 2, y0, a, b, crossing_samples(n, scene)
 
 
 def _asked(code: int, scene: PackedScene) -> tuple[int, int]:
@@ -294,7 +321,7 @@ def _through(
     """First sample at which a front is past the rear ahead of it, by the numbers of ``contact_words``."""
     leaders, k = len(scene.leader_a), np.arange(front.shape[1])
     count = leaders + len(followers) + (len(scene.origin_follower) > 0)
-    inside = k >= (n // 2)[:, None]
+    inside = k >= crossing_samples(n, scene)[:, None]
     fronts = [x + length / 2 for x, length in zip(followers, scene.follower_length, strict=True)]
     rear = scene.target_front - scene.target_length
     pairs = [(3 * count + leaders - 1, rear, front, inside), (count + leaders, rear, fronts[0], ~inside)]

@@ -8,7 +8,8 @@ import pytest
 from random_scenes import random_scene, reacting, task_of
 
 from highd_lc.planning.candidates import evaluate
-from highd_lc.planning.scene import contact_words, obstacle_roles
+from highd_lc.planning.contacts import contact_words
+from highd_lc.planning.scene import obstacle_roles
 from highd_lc.vocab import names
 from highd_lc.vocab.settings import ValidateSettings
 

@@ -101,8 +101,9 @@ def test_the_drivers_alone_are_replaced():
     task = task_of(scene_of(2))
     crowd = crowded(task)
     drawn = with_drivers.py_func(task.scene, crowd, 1)
-    for name in set(task.scene._fields) - {"parameters", "reactions", "first_L"}:
+    for name in set(task.scene._fields) - {"parameters", "reactions", "first_L", "joined"}:
         assert getattr(drawn, name) is getattr(task.scene, name)
+    assert drawn.joined == task.scene.joined
     assert np.array_equal(drawn.parameters, crowd.parameters[1])
     assert isinstance(own_crowd(task.scene), Crowd)
 

@@ -7,8 +7,8 @@ import pytest
 from random_scenes import random_scene
 
 from highd_lc.planning import planner
+from highd_lc.planning.contacts import contact_words
 from highd_lc.planning.limits import first_contact
-from highd_lc.planning.scene import contact_words
 from highd_lc.planning.start_planner import plan_starts
 from highd_lc.scoring.cross_scores import drawn_followers, idm_followers
 from highd_lc.vocab import names

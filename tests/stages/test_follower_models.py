@@ -28,6 +28,7 @@ def settings(**followers):
         "studies": dict.fromkeys(samples, 0),
         "statistics": {"bootstrap": 100},
         "multiverse": {"sample": 0},
+        "closed_loop": {"events": 0},
         "robust": {"sample": 0},
         "trajectories": "none",
     }

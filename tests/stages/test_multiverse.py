@@ -56,6 +56,7 @@ def settings(tmp_path_factory):
                 "robust": {"sample": 0},
                 "trajectories": "none",
                 "multiverse": {"sample": 100, "choices": str(path)},
+                "closed_loop": {"events": 0},
                 "statistics": {"bootstrap": 200},
             },
         }

@@ -28,7 +28,12 @@ timid.parameters = {"v_0": 31.0, "T": 1.1}
 
 def settings():
     samples = ("sample", "start_sample", "foresight_sample", "solver_sample", "multibody_sample")
-    few = {"studies": dict.fromkeys(samples, 0), "statistics": {"bootstrap": 100}, "multiverse": {"sample": 0}}
+    few = {
+        "studies": dict.fromkeys(samples, 0),
+        "statistics": {"bootstrap": 100},
+        "multiverse": {"sample": 0},
+        "closed_loop": {"events": 1},
+    }
     models = ["constant_speed", "drift", "table3", "population", JUDGED]
     calibrate = {"optimiser": "screen", "study_sample": 0, "models": models}
     followers = {"model": PLANS, "also": ["own_fit"], "also_sample": 3}

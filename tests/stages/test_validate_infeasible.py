@@ -37,6 +37,7 @@ SETTINGS = Settings.model_validate(
             "planner": {"T_max": 4.0},
             "studies": _NO_STUDIES,
             "multiverse": {"sample": 0},
+            "closed_loop": {"events": 0},
             "robust": {"sample": 0},
             "statistics": {"bootstrap": 200},
         },

@@ -24,6 +24,7 @@ SETTINGS = Settings.model_validate(
             },
             "robust": {"sample": 3, "draws": 2},
             "multiverse": {"sample": 1},
+            "closed_loop": {"events": 0},
             "statistics": {"bootstrap": 200, "interval": "percentile"},
         },
     }

@@ -9,7 +9,15 @@ from hypothesis import strategies as st
 from tracking_baselines import track_kinematic
 from tracking_plans import quintic_reference
 
-from highd_lc.tracking.closed_loop import Disturbance, controller, errors_and_inputs, track
+from highd_lc.tracking.closed_loop import (
+    Disturbance,
+    controller,
+    drive_span,
+    errors_and_inputs,
+    new_log,
+    reference_rows,
+    track,
+)
 from highd_lc.tracking.controllers import MpcController
 from highd_lc.vocab.errors import ShapeError
 from highd_lc.vocab.tracking import (
@@ -194,3 +202,18 @@ def test_an_unsolved_qp_holds_the_last_input_and_is_counted():
     assert np.isnan(result.slack[20])
     assert np.all(np.isfinite(result.states))
     assert result.max_lateral_m < 0.05
+
+
+def test_a_drive_in_spans_is_the_drive_in_one_go():
+    """The closed loop with plans made anew stops and goes on: the car must not notice."""
+    reference = quintic_reference(24.0, 3.4, 5.0, v_end=26.0)
+    whole = drive(reference)
+    rows = reference_rows(reference, 2.7, SETTINGS.horizon)
+    shared, log = controller(SETTINGS, reference.dt), new_log(reference.n_steps)
+    held, noise = rows[0, 3:].copy(), np.zeros((reference.n_steps + 1, 3))
+    log.states[0] = rows[0, :3]
+    for first in range(0, reference.n_steps + 1, 7):
+        span = (first, min(first + 7, reference.n_steps + 1))
+        drive_span(span, held, rows, (2.7, 2.7), noise, shared.parameters, shared.memory, log)
+    np.testing.assert_array_equal(log.states, whole.states)
+    np.testing.assert_array_equal(log.inputs, whole.inputs)

@@ -54,7 +54,7 @@ class RoadView {
     const camera = at(play.ego.x, t, this.data.dt);
     if (!Number.isFinite(camera)) return;
     for (const line of this.dashed) line.setAttribute("stroke-dashoffset", ((camera * this.scale) % 24).toFixed(1));
-    const parts = [...this.distances(camera), this.trail(play, camera)];
+    const parts = [...this.distances(camera), this.trail(play, camera), ...this.plan(t, play, camera)];
     if (compared) parts.push(this.trail(compared, camera), ...this.ghosts(t, compared, camera));
     for (const other of this.data.others) {
       parts.push(...this.vehicle(other, this.data.boxes[other.role], t, camera, t > (other.observed - 1) * this.data.dt ? "other predicted" : "other", shortRole(other.role)));
@@ -110,6 +110,15 @@ class RoadView {
       d += `${d ? "L" : "M"}${this.x(play.ego.x[k], camera).toFixed(1)} ${this.y(play.ego.y[k]).toFixed(1)}`;
     }
     return mark("path", { class: "trail", d, style: `stroke: ${colour(play)}` });
+  }
+
+  /* The plan that the AV follows at that moment, where it plans anew on the way. */
+  plan(t, play, camera) {
+    const made = (play.plans || []).filter(([since]) => since <= t + 1e-6).pop();
+    if (!made) return [];
+    const [, x, y] = made;
+    const points = x.map((along, k) => `${this.x(along, camera).toFixed(1)} ${this.y(y[k]).toFixed(1)}`);
+    return [mark("path", { class: "plan", d: `M${points.join("L")}`, style: `stroke: ${colour(play)}` })];
   }
 }
 

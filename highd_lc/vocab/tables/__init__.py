@@ -5,6 +5,7 @@ from typing import Final
 from highd_lc.vocab import names
 from highd_lc.vocab.cross_checks import CROSS_CHECKS
 from highd_lc.vocab.driver import PARAMETERS, UNITS
+from highd_lc.vocab.tables.closed_loop import CLOSED_LOOP_TABLES
 from highd_lc.vocab.tables.columns import Column, Table
 from highd_lc.vocab.tables.columns import count as _count
 from highd_lc.vocab.tables.columns import number as _number
@@ -364,6 +365,7 @@ TABLES: Final = {
     for table in (
         TRACKS, VEHICLES, RECORDINGS, CROSSINGS, EVENTS, EVENT_TRACKS, FOLLOWERS, PLANS, LOSSES,
         VALIDATION_MATRIX, TRACKING, SUMMARY_LCM, SUMMARY_LOSSES, EVENT_PAGES, *FIT_TABLES, *PREDICTION_TABLES,
-        *SAFETY_TABLES, *STUDY_TABLES, *ROBUST_TABLES, OTHER_PLANS, LEADERBOARD, *SCENARIO_TABLES, TRUTH,
+        *SAFETY_TABLES, *STUDY_TABLES, *ROBUST_TABLES, *CLOSED_LOOP_TABLES, OTHER_PLANS, LEADERBOARD,
+        *SCENARIO_TABLES, TRUTH,
     )
 }  # fmt: skip
