@@ -152,9 +152,7 @@ def _summary(known: pd.DataFrame) -> pd.DataFrame:
             {
                 "label": own["label"].iloc[0],
                 "n": len(own),
-                "changed": int((own["status"] == names.CHANGED).sum()),
-                "aborted": int(own["aborted"].sum()),
-                "never": int((own["status"] == names.NEVER_BEGUN).sum()),
+                **_outcomes(own),
                 "touching": int((own["contacts"] > 0).sum()),
                 "share_touching": float((own["contacts"] > 0).mean()),
                 "seen_s": float(own["seen_s"].mean()),
@@ -167,6 +165,13 @@ def _summary(known: pd.DataFrame) -> pd.DataFrame:
             }
         )
     return pd.DataFrame(rows)
+
+
+def _outcomes(own: pd.DataFrame) -> dict[str, int]:
+    """How often each outcome came; nothing of what was recorded."""
+    counted = {"changed": names.CHANGED, "aborted": names.ABORTED, "never": names.NEVER_BEGUN}
+    drives = own["policy"].iloc[0] != names.HUMAN
+    return {column: int((own["status"] == status).sum()) for column, status in counted.items() if drives}
 
 
 def _by_policy(known: pd.DataFrame) -> Iterator[tuple[str, pd.DataFrame]]:
