@@ -198,3 +198,12 @@ def unplanned_event() -> EventReport:
     report = sample_event()
     recorded = tuple(p for p in report.plays if p.measured)
     return replace(report, plans=(), losses=(), tracking=(), plays=recorded, track_traces=(), surface=None)
+
+
+def replanned_event() -> EventReport:
+    """The event with a drive whose plan changes after 2 s."""
+    report = sample_event()
+    own = report.plays[-2]
+    plans = ((0.0, own.ego.x[:61:5], own.ego.y[:61:5]), (2.0, own.ego.x[20:41:5], own.ego.y[20:41:5]))
+    policy, only = names.LOCAL_OPTIMUM_REPLANNED, (names.PRIMARY_ACCOUNTING,)
+    return replace(report, plays=(*report.plays, replace(own, policy=policy, accountings=only, plans=plans)))

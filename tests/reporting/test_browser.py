@@ -7,11 +7,13 @@ from pathlib import Path
 
 import pytest
 from browser import Watched, chromium
-from sample_event import infeasible_event, sample_event, unplanned_event
+from sample_drives import DRIVES
+from sample_event import infeasible_event, replanned_event, sample_event, unplanned_event
 from sample_prediction import nobody, sample_prediction, trace
 from sample_run import calibration, matrix, recordings, sample_run, sample_summary
 from sample_studies import foresight, studies, tiles, variants
 
+from highd_lc.reporting.pages_closed_loop import closed_loop_page
 from highd_lc.reporting.pages_data import data_page, excluded_page
 from highd_lc.reporting.pages_event import Links, event_page
 from highd_lc.reporting.pages_followers import calibration_page
@@ -41,6 +43,7 @@ def folder(tmp_path_factory):
         "calibration.html": calibration_page(calibration()),
         "studies.html": studies_page(studies()),
         "multiverse.html": multiverse_page(variants()),
+        "closed_loop.html": closed_loop_page(DRIVES),
         "data.html": data_page(recordings(), sample_run().crossings, sample_run().events),
         "start.html": start_page(StartTables(tiles(), foresight())),
         "prediction.html": prediction_page(sample_prediction()),
@@ -50,6 +53,7 @@ def folder(tmp_path_factory):
         "events/event.html": event_page(sample_event(), Links()),
         "events/predicted.html": event_page(replace(sample_event(), prediction=trace()), Links()),
         "events/infeasible.html": event_page(infeasible_event(), Links()),
+        "events/replanned.html": event_page(replanned_event(), Links()),
         "events/unplanned.html": event_page(unplanned_event(), Links()),
     }
     for name, text in pages.items():
@@ -168,6 +172,21 @@ def test_the_accounting_chosen_is_the_only_one_shown(opened):
             "[data-accounting]", "es => es.filter(e => !e.hidden).map(e => e.dataset.accounting)"
         )
         assert set(shown) == {accounting}
+
+
+def test_a_replanned_drive_shows_the_plan_of_each_moment(opened):
+    page = opened("events/replanned.html")
+    page.select_option("#accounting", "equal")
+    assert page.locator("#road .plan").count() == 0
+    page.select_option("#policy", "local_optimum_replanned")
+    drawn = [page.locator("#road .plan").get_attribute("d")]
+    assert drawn[0].count("L") == 12
+    page.click("#time")
+    page.keyboard.press("Home")
+    for _ in range(3):
+        page.keyboard.press("Shift+ArrowRight")
+    drawn.append(page.locator("#road .plan").get_attribute("d"))
+    assert drawn[1].count("L") == 4
 
 
 def test_the_loss_surface_is_drawn_with_its_points(opened):
@@ -321,8 +340,8 @@ def test_overview_pages_are_quiet(opened, name):
 
 
 ALL_PAGES = (
-    "index", "summary", "prediction", "nobody", "matrix", "studies", "multiverse", "start", "calibration", "data",
-    "excluded", "dictionary",
+    "index", "summary", "prediction", "nobody", "matrix", "studies", "multiverse", "closed_loop", "start", "calibration",
+    "data", "excluded", "dictionary",
 )  # fmt: skip
 
 

@@ -1,38 +1,8 @@
 """The closed loop's page: contacts per cause beside the human's, and words where there is nothing."""
 
-import pandas as pd
+from sample_drives import DRIVES
 
 from highd_lc.reporting.pages_closed_loop import NOTHING, closed_loop_page, said
-from highd_lc.vocab import names
-from highd_lc.vocab.tables import TABLES
-
-COLUMNS = list(TABLES["closed_loop"].column_names)
-
-
-def row(event: str, policy: str, causes: tuple[str, ...] = (), **changes):
-    base = dict.fromkeys(COLUMNS, 1.0) | {"event_id": event, "recording_id": 1, "policy": policy, "reason": ""}
-    base |= {"followers": "population", "world": "population", "leaders": "constant_speed", "aborted": False}
-    base |= {"status": names.CHANGED, "contacts": len(causes), "contact_cause": list(causes), "regret": 0.25}
-    return base | changes
-
-
-DRIVES = pd.DataFrame(
-    [
-        row("01-0001-00001", names.BENCHMARK_REPLANNED),
-        row("01-0001-00001", names.LOCAL_OPTIMUM_REPLANNED, ("clearance_target_leader",), regret=float("nan")),
-        row("01-0001-00001", names.HUMAN, ("target_follower_1_through_ego",), status="recorded", regret=None),
-        row(
-            "01-0002-00002",
-            names.BENCHMARK_REPLANNED,
-            status=names.ABORTED,
-            aborted=True,
-            reason="time_gap_behind",
-        ),
-        row("01-0002-00002", names.LOCAL_OPTIMUM_REPLANNED, status=names.NEVER_BEGUN, reason="insertion_gap"),
-        row("01-0002-00002", names.HUMAN, status="recorded"),
-    ],
-    columns=COLUMNS,
-)
 
 
 def test_contacts_are_told_beside_the_humans():
