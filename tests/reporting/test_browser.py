@@ -340,8 +340,8 @@ def test_overview_pages_are_quiet(opened, name):
 
 
 ALL_PAGES = (
-    "index", "summary", "prediction", "nobody", "matrix", "studies", "multiverse", "closed_loop", "start", "calibration",
-    "data", "excluded", "dictionary",
+    "index", "summary", "prediction", "nobody", "matrix", "studies", "multiverse", "closed_loop", "start",
+    "calibration", "data", "excluded", "dictionary",
 )  # fmt: skip
 
 
