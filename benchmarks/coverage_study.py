@@ -67,15 +67,17 @@ def cells(runs: int) -> Iterator[str]:
 
 
 def _covered(made: list[Drawn], method: str) -> Iterator[str]:
-    """Coverage, how often the truth lies below and above, and the median width over the truth."""
+    """Coverage, how often the truth lies below and above, the median width over the truth, those without."""
     ends = np.array([_ends(run, method) for run in made])
-    if np.isnan(ends).all():
-        yield from ("none", "", "", "")
+    given = ~np.isnan(ends[:, 0])
+    if not given.any():
+        yield from ("none", "", "", "", "100.0")
         return
-    low, high = ends.T
+    low, high = ends[given].T
     for share in (np.mean((low <= TRUTH) & (high >= TRUTH)), np.mean(low > TRUTH), np.mean(high < TRUTH)):
         yield f"{100.0 * share:.1f}"
     yield f"{np.median(high - low) / TRUTH:.2f}"
+    yield f"{100.0 * np.mean(~given):.1f}"
 
 
 def _ends(run: Drawn, method: str) -> tuple[float, float]:
@@ -88,8 +90,8 @@ def main() -> None:
     runs = int(sys.argv[1]) if len(sys.argv) > 1 else RUNS
     large = drawn(np.random.default_rng(0), 2000, 0.2)
     print(f"the largest 5 % carry {100.0 * share_carried(large.savings):.0f} %; {runs} runs a line")
-    print("| recordings | clusters | method | covers [%] | truth below [%] | above [%] | width / truth |")
-    print("|---|---|---|---|---|---|---|")
+    print("| recordings | clusters | method | covers [%] | truth below [%] | above [%] | width | none [%] |")
+    print("|---|---|---|---|---|---|---|---|")
     for line in cells(runs):
         print(line, flush=True)
 

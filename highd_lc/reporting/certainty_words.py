@@ -15,7 +15,7 @@ from highd_lc.scoring.population import LEAST_CLUSTERS
 from highd_lc.vocab.tables.summaries import ADDS_NOTHING, NO_REFERENCE, OTHER_TIME, SPEED_CLASSES
 
 _WHY: Final = {
-    ADDS_NOTHING: "the benchmark's plans add no loss to that of no lane change",
+    ADDS_NOTHING: "the benchmark's plans add no loss to that of no lane change, or hardly more than they save",
     OTHER_TIME: "no lane change is charged over another time than a plan under this accounting",
     NO_REFERENCE: "the losses without a lane change are not known",
 }
@@ -58,7 +58,7 @@ def no_interval(n: int, unit: str = "recording") -> str:
     """Why there is no interval over n clusters."""
     if n < LEAST_CLUSTERS:
         return f"no interval: {counted(n, unit)}, at least {LEAST_CLUSTERS} are needed"
-    return "no interval: what the benchmark adds may be nothing"
+    return f"no interval: a {unit} or two carry it, or what it is a share of may be nothing"
 
 
 def beside(row: Any, name: str = "gain", unit: str = "recording") -> str:
@@ -83,6 +83,21 @@ def incremental(cell: Any, *, unit: str, confidence: float) -> str:
         f"Of the loss that the lane change adds to that of no lane change the local optimum has "
         f"{change(cell.gain_incremental)} ({sure}). To the followers' loss it adds "
         f"{html.number(cell.added_hv_local, 1)} in all, the benchmark {html.number(cell.added_hv_benchmark, 1)}."
+        f"{_small(cell)}"
+    )
+
+
+_LITTLE: Final = 0.05
+
+
+def _small(cell: Any) -> str:
+    """A warning where what the lane change adds is little beside the loss that is there without it."""
+    share = cell.added_benchmark / cell.total_benchmark if cell.total_benchmark > 0.0 else np.nan
+    if not share < _LITTLE:
+        return ""
+    return (
+        f" All that it adds is {amount(share, 1)} % of the benchmark's loss, AV and followers together: the share "
+        "saved of it hangs on small differences."
     )
 
 

@@ -258,10 +258,12 @@ class SummaryTables:
     further: Further = field(default_factory=dict)
 
 
-def summary_page(tables: SummaryTables, says: Sequence[Said] = (), first: Sequence[Section] = ()) -> str:
+def summary_page(
+    tables: SummaryTables, says: Sequence[Said] = (), first: Sequence[Section] = (), *, short: Sequence[Said] = ()
+) -> str:
     """The results of a run on one page.
 
-    says: the same in words, see ``run_words``; first: what stands in front.
+    says: the same in words, see ``run_words``; first: what stands in front; short: what stands before all.
     """
     lead = (
         f"{len(tables.events)} lane changes of {tables.events['recording_id'].nunique()} recordings.",
@@ -272,7 +274,8 @@ def summary_page(tables: SummaryTables, says: Sequence[Said] = (), first: Sequen
         ),
     )
     words = [Section("What this run says", points=tuple(says), anchor="says")] if says else []
-    return overview_page("summary.html", "Summary", [*first, *words, *_sections(tables)], lead)
+    begin = [Section("In short", points=tuple(short), anchor="short")] if short else []
+    return overview_page("summary.html", "Summary", [*begin, *first, *words, *_sections(tables)], lead)
 
 
 def _sections(tables: SummaryTables) -> Iterator[Section]:

@@ -108,6 +108,8 @@ def _one(row: dict[str, Any]) -> str:
         return f"in none of {row['n_pairs']} pairs does a disturbance pass on"
     ends = f" ({row['speed_low']:.1f} to {row['speed_high']:.1f})" if row["speed_low"] == row["speed_low"] else ""
     way = "downstream" if row["speed_mps"] > 0.0 else "upstream"
+    if row["speed_low"] <= 0.0 <= row["speed_high"]:
+        way = "upstream or downstream cannot be told"
     return (
         f"in {row['share_passed']:.0%} of {row['n_pairs']} pairs a disturbance reaches the next driver, "
         f"{row['lag_s']:.1f} s later on average; it moves at {row['speed_mps']:.1f} m/s{ends} along the road, "

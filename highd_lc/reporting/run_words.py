@@ -58,7 +58,7 @@ class RunTables:
     ``worse_for_somebody``), the coverage of its intervals, and the relative difference that counts as a tie.
 
     clusters: what intervals vary over, "recording" or "location"; interval: how they are made; omega_av: weight of
-    the AV in the local optimum.
+    the AV in the local optimum; believed: whether the gain can be seen beside the model's error, in words.
     """
 
     recordings: pd.DataFrame
@@ -74,16 +74,17 @@ class RunTables:
     interval: str = BOOTSTRAP_T
     omega_av: float = 0.5
     multiverse: pd.DataFrame = field(default_factory=pd.DataFrame)
+    believed: str = ""
 
 
 def run_says(run: RunTables) -> list[Said]:
     """What the run says, heading by heading, from what went in to what it cannot say."""
-    said = [(title, tuple(map(_unbroken, texts))) for title, texts in _headings(run)]
+    said = [(title, tuple(map(unbroken, texts))) for title, texts in _headings(run)]
     return [(title, texts) for title, texts in said if texts]
 
 
 def _headings(run: RunTables) -> Iterator[tuple[str, Iterable[str]]]:
-    forms = _planned(run)
+    forms = planned(run)
     yield "What went in", [_went_in(run)]
     if not forms:
         yield "What comes out", [nothing_said(run)]
@@ -94,35 +95,24 @@ def _headings(run: RunTables) -> Iterator[tuple[str, Iterable[str]]]:
     yield "What the accounting changes", _accountings(run)
     yield "What other choices would change", [range_words(run.multiverse)]
     yield "Other places", [_locations(run)]
-    yield "Who was selected", selection(run.crossings, _cell(run, forms[0], names.EQUAL))
+    yield "Who was selected", selection(run.crossings, cell_of(run, forms[0], names.EQUAL))
     yield "What was filmed", [_observed(run), *_leader_seen(run)]
-    yield "Caution", _cautions(run, forms)
+    yield "Caution", cautions_of(run, forms)
     yield "What it cannot say", _LIMITS
 
 
-def _unbroken(text: str) -> str:
+def unbroken(text: str) -> str:
     """With no line break between a number and its percent sign."""
     return text.replace(" %", "\u00a0%")
 
 
-def run_in_short(run: RunTables) -> str:
-    """The same in a few sentences: the first form that was planned, under two accountings, and the cautions."""
-    if not _planned(run):
-        return nothing_said(run)
-    form = _planned(run)[0]
-    text = f"{labels.FORMS[form]}, accounting “equal”: {_lower(_gain(run, form))}"
-    paper = f"Under “paper”: {_against_paper(run, form)}."
-    across = [] if run.multiverse.empty else [range_words(run.multiverse)]
-    return _unbroken(" ".join([text, *_added(run, form), paper, *across, *_cautions(run, [form])]))
-
-
-def _planned(run: RunTables) -> list[str]:
+def planned(run: RunTables) -> list[str]:
     """The forms that have a row in the matrix, the primary one first; none without events."""
     forms = [] if run.events.empty else PAIRS
-    return [form for form in forms if _cell(run, form, names.EQUAL) is not None]
+    return [form for form in forms if cell_of(run, form, names.EQUAL) is not None]
 
 
-def _cell(run: RunTables, form: str, accounting: str) -> Any:
+def cell_of(run: RunTables, form: str, accounting: str) -> Any:
     """The row of the matrix over all events; None if the form was not planned."""
     matrix = run.matrix
     chosen = matrix[(matrix["stratum"] == ALL) & (matrix["form"] == form) & (matrix["accounting"] == accounting)]
@@ -133,7 +123,8 @@ def _solved(cell: Any) -> int:
     return int(cell.n_events - cell.infeasible - cell.contacts)
 
 
-def _lower(text: str) -> str:
+def lowered(text: str) -> str:
+    """With a small first letter."""
     return text[:1].lower() + text[1:]
 
 
@@ -168,12 +159,12 @@ def nothing_said(run: RunTables) -> str:
 
 
 def _of_form(run: RunTables, form: str) -> Iterator[str]:
-    cell = _cell(run, form, names.EQUAL)
-    yield f"{_sample(run, cell)}{_gain(run, form)}"
+    cell = cell_of(run, form, names.EQUAL)
+    yield f"{_sample(run, cell)}{gain_said(run, form)}"
     if _solved(cell):
-        yield " ".join([*_added(run, form), concentration(cell)])
+        yield " ".join([*added_said(run, form), concentration(cell)])
         yield f"{_shares(run, cell)} {_infeasible(cell)}"
-        yield f"{_sides(cell)} {_followers(run, form)}"
+        yield f"{sides_said(cell)} {_followers(run, form)}"
 
 
 def _sample(run: RunTables, cell: Any) -> str:
@@ -194,19 +185,19 @@ def _infeasible(cell: Any) -> str:
     return f"{counted(int(cell.infeasible), 'event')} {has} no feasible plan of both policies and {is_} left out."
 
 
-def _gain(run: RunTables, form: str) -> str:
+def gain_said(run: RunTables, form: str) -> str:
     """A sentence on the gain under the primary accounting with its interval, and what its sign is worth."""
-    cell = _cell(run, form, names.EQUAL)
+    cell = cell_of(run, form, names.EQUAL)
     if html.is_missing(cell.gain):
         return f"No gain can be given: {_no_plan(cell)}."
-    sure = _interval(run, form, names.EQUAL)
+    sure = interval_said(run, form, names.EQUAL)
     text = f"The local optimum has {change(cell.gain)} total loss than the benchmark ({sure})."
     return " ".join([text, *_verdict(run, cell)])
 
 
-def _added(run: RunTables, form: str) -> list[str]:
+def added_said(run: RunTables, form: str) -> list[str]:
     """A sentence on what of the added loss is saved; none where no plans are compared."""
-    cell = _cell(run, form, names.EQUAL)
+    cell = cell_of(run, form, names.EQUAL)
     return [incremental(cell, unit=run.clusters, confidence=run.confidence)] if _solved(cell) else []
 
 
@@ -214,8 +205,9 @@ def _no_plan(cell: Any) -> str:
     return f"none of {counted(int(cell.n_events), 'event')} has a feasible plan of both policies"
 
 
-def _interval(run: RunTables, form: str, accounting: str) -> str:
-    cell = _cell(run, form, accounting)
+def interval_said(run: RunTables, form: str, accounting: str) -> str:
+    """The interval of a form's gain under an accounting, or why there is none."""
+    cell = cell_of(run, form, accounting)
     n = int(cell.n_clusters)
     return interval(cell.gain_low, cell.gain_high, n, run.clusters, confidence=run.confidence)
 
@@ -228,7 +220,7 @@ def _verdict(run: RunTables, cell: Any) -> Iterator[str]:
     if run.omega_av == _SAME_GOAL:
         if cell.gain < -run.tie_band:
             yield _FAULT
-        elif cell.form == _planned(run)[0]:
+        elif cell.form == planned(run)[0]:
             yield _CERTAIN
         return
     if html.is_missing(cell.gain_low):
@@ -274,7 +266,7 @@ _PARTIES: Final = {
 }
 
 
-def _sides(cell: Any) -> str:
+def sides_said(cell: Any) -> str:
     """Who pays and who gains."""
     av, hv = cell.gain_av, cell.gain_hv
     if html.is_missing(av) or html.is_missing(hv):
@@ -295,7 +287,7 @@ def _followers(run: RunTables, form: str) -> str:
 
 
 def _not_planned(run: RunTables) -> Iterator[str]:
-    missing = [labels.FORMS[form] for form in PAIRS if form not in _planned(run)]
+    missing = [labels.FORMS[form] for form in PAIRS if form not in planned(run)]
     if missing:
         yield f"{'; '.join(missing)}: this run made no such plans, so that nothing is said of them."
 
@@ -305,17 +297,17 @@ def _accountings(run: RunTables) -> Iterator[str]:
         "Under “paper” both sides are charged only until the manoeuvre ends, so that a shorter one is charged for "
         "less time; plans are made anew under each accounting. The local optimum then has:"
     )
-    yield from (f"{labels.FORMS[form]}: {_against_paper(run, form)}." for form in _planned(run))
+    yield from (f"{labels.FORMS[form]}: {against_paper(run, form)}." for form in planned(run))
 
 
-def _against_paper(run: RunTables, form: str) -> str:
+def against_paper(run: RunTables, form: str) -> str:
     """The gain under “paper”, and how far that is from the one under “equal”."""
-    paper, equal = (_cell(run, form, accounting) for accounting in (names.PAPER, names.EQUAL))
+    paper, equal = (cell_of(run, form, accounting) for accounting in (names.PAPER, names.EQUAL))
     if paper is None:
         return "no gain that is known, because the tables hold no such row"
     if html.is_missing(paper.gain):
         return f"no gain that can be given, because {_no_plan(paper)}"
-    text = f"{change(paper.gain)} total loss ({_interval(run, form, names.PAPER)})"
+    text = f"{change(paper.gain)} total loss ({interval_said(run, form, names.PAPER)})"
     return text if html.is_missing(equal.gain) else f"{text}, {_points(paper.gain, equal.gain)}"
 
 
@@ -328,7 +320,7 @@ def _points(paper: float, equal: float) -> str:
 
 def _locations(run: RunTables) -> str:
     """Whether a single site carries the result of the first form."""
-    table, form = run.leave_one_out, _planned(run)[0]
+    table, form = run.leave_one_out, planned(run)[0]
     rows = table[(table["form"] == form) & (table["accounting"] == names.EQUAL)]
     gains = rows["gain"].dropna()
     if len(rows) == 1:
@@ -340,7 +332,7 @@ def _locations(run: RunTables) -> str:
 
 
 def _observed(run: RunTables) -> str:
-    cell = _cell(run, _planned(run)[0], names.EQUAL)
+    cell = cell_of(run, planned(run)[0], names.EQUAL)
     share = getattr(cell, "share_observed", None)
     if share is None or html.is_missing(share):
         return "The filmed share of the charged follower-seconds is not available: the tables do not hold it."
@@ -353,7 +345,7 @@ def _observed(run: RunTables) -> str:
 
 def _leader_seen(run: RunTables) -> Iterator[str]:
     """How long the target leader is filmed."""
-    seen = _cell(run, _planned(run)[0], names.EQUAL).leader_seen_s
+    seen = cell_of(run, planned(run)[0], names.EQUAL).leader_seen_s
     if not html.is_missing(seen):
         yield (
             f"The leader on the target lane is filmed for {html.number(seen, 1)} s after the start on average; "
@@ -361,9 +353,9 @@ def _leader_seen(run: RunTables) -> Iterator[str]:
         )
 
 
-def _cautions(run: RunTables, forms: Sequence[str]) -> Iterator[str]:
+def cautions_of(run: RunTables, forms: Sequence[str]) -> Iterator[str]:
     """What the reader should not lean on: no or few clusters, one place, many cells, few events."""
-    used = [int(_cell(run, form, names.EQUAL).n_clusters) for form in forms]
+    used = [int(cell_of(run, form, names.EQUAL).n_clusters) for form in forms]
     yield from _few_clusters(run, min(used), max(used))
     if len(set(run.recordings["location_id"])) == 1 and max(used) >= LEAST_CLUSTERS:
         yield "All recordings are of one location: the intervals vary over them, and say nothing of other places."
@@ -389,7 +381,7 @@ _ENOUGH: Final = {BOOTSTRAP_T: LEAST_CLUSTERS, PERCENTILE: 60, STUDENT: 60}
 
 
 def _few_events(run: RunTables, form: str) -> Iterator[str]:
-    solved = _solved(_cell(run, form, names.EQUAL))
+    solved = _solved(cell_of(run, form, names.EQUAL))
     if 0 < solved < FEW_EVENTS:
         rests = f"{labels.FORMS[form]}: the result rests on {counted(solved, 'event')}"
         yield f"{rests}, and a single one can carry it."

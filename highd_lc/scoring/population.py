@@ -201,7 +201,8 @@ def mean_interval(clusters: IntArray, values: FloatArray, bootstrap: Bootstrap) 
 def _bootstrap_t(above: FloatArray, below: FloatArray, bootstrap: Bootstrap) -> Interval:
     """The jackknife's error times the larger one, on either side, of Student's t and the bootstrap's.
 
-    above, below: sums of each cluster. Student's t alone is too short on the side of a skewed effect's tail.
+    NaN where a cluster or two carry everything. above, below: sums of each cluster. Student's t alone is too short
+    on the side of a skewed effect's tail.
     """
     weights = _draws(len(above), bootstrap)
     drawn, rest = weights @ below, below.sum() - below
@@ -213,7 +214,13 @@ def _bootstrap_t(above: FloatArray, below: FloatArray, bootstrap: Bootstrap) -> 
     deviations = _studentised(above, below, weights[drawn > 0.0], ratio)
     low, high = np.quantile(deviations, [tail, 1.0 - tail])
     least = student(len(above) - 1, 1.0 - tail)
+    if max(abs(low), abs(high)) > _WILDEST * least:
+        return Interval(np.nan, np.nan)
     return Interval(ratio - max(high, least) * error, ratio + max(-low, least) * error)
+
+
+_WILDEST: Final = 10.0
+"""Draws that deviate by so many of Student's t tell that a cluster or two carry everything: no interval then."""
 
 
 def _jackknife_error(left_out: FloatArray) -> float:
@@ -266,12 +273,19 @@ def padded(lists: Sequence[Sequence[float]]) -> FloatArray:
     return rows
 
 
+_REMAINDER: Final = 0.1
+"""Of sums with both signs, what has to be left over as a share of their sizes: a ratio to less says nothing."""
+
+
 def gain_of_added(
     benchmark: FloatArray, local: FloatArray, clusters: IntArray, bootstrap: Bootstrap
 ) -> tuple[float, float, float]:
-    """1 - sum(local) / sum(benchmark) of losses above a reference, with interval; NaN where nothing is added."""
+    """1 - sum(local) / sum(benchmark) of losses above a reference, with interval.
+
+    NaN where nothing is added, or what some events add is taken away by others but for ``_REMAINDER`` of it.
+    """
     total = float(benchmark.sum())
-    if not total > _NOTHING * float(np.abs(benchmark).sum()):
+    if not total > _REMAINDER * float(np.abs(benchmark).sum()):
         return np.nan, np.nan, np.nan
     ratio = ratio_interval(clusters, local, benchmark, bootstrap)
     return 1.0 - float(local.sum()) / total, 1.0 - ratio.high, 1.0 - ratio.low

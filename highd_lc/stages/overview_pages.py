@@ -32,7 +32,8 @@ from highd_lc.reporting.pages_multiverse import multiverse_page
 from highd_lc.reporting.pages_population import PriceTables, StartTables, dictionary_page, matrix_page, start_page
 from highd_lc.reporting.pages_prediction import PredictionTables, prediction_page
 from highd_lc.reporting.pages_studies import StudyTables, studies_page
-from highd_lc.reporting.run_words import RunTables, nothing_said, run_in_short, run_says
+from highd_lc.reporting.run_words import RunTables, nothing_said, run_says
+from highd_lc.reporting.short_words import in_short, run_in_short
 from highd_lc.stages.prediction_tables import followers_believed, is_judged
 from highd_lc.stages.scenes import track_of
 from highd_lc.vocab import names
@@ -80,11 +81,14 @@ class Overview:
         return self._read("losses", [*_KEY, "loss_av", "loss_hv", "loss_total", *LOSS_COLUMNS])
 
     @cached_property
+    def believed(self) -> tuple[str, ...]:
+        """How far the simulated followers can be believed."""
+        return followers_believed(self.work, self.model)
+
+    @cached_property
     def first(self) -> Section:
         """What stands in front of every gain: how far the followers can be believed."""
-        return believed_section(
-            followers_believed(self.work, self.model), linked=PREDICTION_PAGE not in missing_pages(self.work)
-        )
+        return believed_section(self.believed, linked=PREDICTION_PAGE not in missing_pages(self.work))
 
 
 def page_of(name: str, overview: Overview) -> bytes:
@@ -123,7 +127,7 @@ def _summary(overview: Overview) -> str:
         further=_further(overview),
         **overview.read("summary_losses", "summary_lcm", "gain_map", "pareto", "pareto_summary"),
     )
-    return summary_page(tables, run_says(run), [overview.first])
+    return summary_page(tables, run_says(run), [overview.first], short=in_short(run))
 
 
 def _run_tables(overview: Overview) -> RunTables:
@@ -138,6 +142,7 @@ def _run_tables(overview: Overview) -> RunTables:
         interval=overview.statistics.interval,
         omega_av=overview.omega_av,
         multiverse=artefacts.read(overview.work, "multiverse"),
+        believed=next((text for text in overview.believed if "gain can" in text), ""),
         **overview.read("recordings", "crossings", "events", "leave_one_out"),
     )
 

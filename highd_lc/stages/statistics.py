@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 from itertools import pairwise
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 import pandas as pd
@@ -199,6 +199,10 @@ class PolicyLosses:
         return error_and_effect(human, one, other)
 
 
+NO_EFFECT: Final = 1e-6
+"""A mean effect on the loss up to this is none."""
+
+
 def seen(events: pd.DataFrame) -> dict[str, float]:
     """What tells whether a gain may be quoted: mean absolute effect and error, and their ratio.
 
@@ -206,7 +210,8 @@ def seen(events: pd.DataFrame) -> dict[str, float]:
     Unknown is NaN; so is the ratio to no effect.
     """
     error, effect = events[["error", "effect"]].astype(float).dropna().abs().mean()
-    return {"effect": effect, "error": error, "error_over_effect": error / effect if effect > 0.0 else np.nan}
+    known = effect > NO_EFFECT
+    return {"effect": effect, "error": error, "error_over_effect": error / effect if known else np.nan}
 
 
 def validation_matrix(

@@ -21,6 +21,12 @@ def test_words_hold_speeds_delays_and_how_sure_they_are():
     assert "Intervals are over 6 recordings." in text
 
 
+def test_a_speed_whose_interval_holds_0_has_no_direction():
+    table = waves()
+    table.loc[table["source"] == "observed", "speed_high"] = 1.0
+    assert "(-4.5 to 1.0) along the road, upstream or downstream cannot be told" in told(table)
+
+
 def test_few_recordings_give_no_interval_and_the_words_say_so():
     text = told(waves(intervals=False))
     assert "nan" not in text

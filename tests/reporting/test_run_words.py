@@ -9,7 +9,8 @@ import pytest
 from sample_run import recordings, sample_run, sample_summary
 
 from highd_lc.reporting.pages_index import index_page, summary_page
-from highd_lc.reporting.run_words import RunTables, run_in_short, run_says
+from highd_lc.reporting.run_words import RunTables, run_says
+from highd_lc.reporting.short_words import in_short, run_in_short
 from highd_lc.vocab import names
 
 PAIRS = {"fixed": ("local_optimum", "benchmark"), "free": ("local_optimum_free", "benchmark_free")}
@@ -342,3 +343,35 @@ def test_no_number_is_tuned_by_the_name_of_the_policy():
     better, worse_ = (said(with_cell(made_up(), **r), "Fixed end speed") for r in (row, turned))
     assert percents(better) == percents(worse_)
     assert names.PRIMARY_ACCOUNTING == "equal"
+
+
+def short(run: RunTables) -> dict[str, str]:
+    return {title: " ".join(texts).replace("\u00a0", " ") for title, texts in in_short(run)}
+
+
+def test_in_short_tells_what_was_found_how_sure_it_is_and_what_would_change_it():
+    hidden = "The gain cannot be seen: the error is 14 times the effect (fixed end speed)."
+    run = with_cell(replace(made_up(), believed=hidden), gain=0.0123, gain_low=0.004, gain_high=0.02)
+    text = short(run)
+    assert list(text) == ["What was found", "How sure that is", "What would change it"]
+    assert "1.23 % less total loss than the benchmark, as simulated" in text["What was found"]
+    assert text["How sure that is"].startswith("95 % interval 0.40 to 2.00 % less")
+    assert hidden.removeprefix("The") in text["How sure that is"]
+    assert "Under the accounting “paper”" in text["What would change it"]
+
+
+def test_in_short_refuses_an_interval_of_few_recordings():
+    text = short(without_intervals(made_up(), 4))["How sure that is"]
+    assert text.startswith("No interval: 4 recordings, at least 5 are needed.")
+    assert "Without an interval nothing is known" in text
+
+
+def test_in_short_says_nothing_of_no_gain():
+    assert in_short(with_cell(made_up(), gain=np.nan)) == []
+
+
+def test_a_share_of_little_is_warned_of():
+    run = with_cell(made_up(), total_benchmark=1000.0, added_benchmark=8.0, incremental_reason="")
+    assert "All that it adds is 0.8 % of the benchmark's loss" in said(run, "Fixed end speed")
+    much = with_cell(made_up(), total_benchmark=1000.0, added_benchmark=300.0, incremental_reason="")
+    assert "All that it adds" not in said(much, "Fixed end speed")

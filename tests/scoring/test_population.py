@@ -157,3 +157,21 @@ def test_the_same_seed_draws_the_same():
     assert mean_interval(recordings, values, DRAWS) == mean_interval(recordings[::-1], values[::-1], DRAWS)
     other = mean_interval(recordings, values, Bootstrap(4000, 0.95, 4))
     assert other != mean_interval(recordings, values, DRAWS)
+
+
+def test_a_sum_that_mostly_cancels_has_no_share():
+    """Of 10 added in some events 9.5 are taken away in others: a ratio to the rest could be anything."""
+    benchmark = np.array([5.0, 5.0, -4.75, -4.75, 0.0])
+    found = gain_of_added(benchmark, benchmark - 1.0, np.arange(5), Bootstrap(200, 0.95, 1))
+    assert np.isnan(found).all()
+    kept = np.array([5.0, 5.0, -1.0, -1.0, 0.0])
+    assert gain_of_added(kept, 0.5 * kept, np.arange(5), Bootstrap(200, 0.95, 1))[0] == pytest.approx(0.5)
+
+
+def test_one_cluster_that_carries_everything_has_no_interval():
+    """Draws without it do not vary at all: the studentised deviations, and so the ends, would be of any size."""
+    above = np.array([1.0, 1e-6, 1.1e-6, 0.9e-6, 1.05e-6, 0.95e-6])
+    found = ratio_interval(np.arange(6), above, np.ones(6), Bootstrap(500, 0.95, 1))
+    assert np.isnan([found.low, found.high]).all()
+    even = ratio_interval(np.arange(6), 1.0 + 0.1 * np.arange(6), np.ones(6), Bootstrap(500, 0.95, 1))
+    assert even.low < 1.25 < even.high

@@ -352,6 +352,7 @@ JUDGED: Final = tuple(
     table.name
     for table in (
         PREDICTION, PREDICTION_SUMMARY, PREDICTION_AIMS, DOSE_RESPONSE, EXTERNALITY, EXTERNALITY_BALANCE,
+        SHOCK_WAVES, WAVE_FIELD,
     )
 )  # fmt: skip
 """Tables that say how well followers are predicted: a run of before there were such has none of them."""
