@@ -17,7 +17,6 @@ from highd_lc.planning.later import own_lane
 from highd_lc.planning.limits import first_contact
 from highd_lc.planning.pool import Goal, Pool, Task
 from highd_lc.planning.replay import (
-    CONSTANT_T,
     AvMotion,
     Replay,
     clearances,
@@ -29,7 +28,7 @@ from highd_lc.planning.replay import (
     plan_motion,
     replay,
 )
-from highd_lc.planning.safety import binding, human_margins, kept
+from highd_lc.planning.safety import Kept, binding, human_margins, kept
 from highd_lc.planning.scene import PackedScene, Scene, obstacle_roles, pack
 from highd_lc.planning.search import nominal_rejections, search
 from highd_lc.vocab import names
@@ -124,6 +123,16 @@ class PlanningProblem:
             self._searched[form] = search(self.task, goals(self), known=known)
         return self._searched[form]
 
+    @cached_property
+    def _kept(self) -> dict[tuple[Replay, int], Kept]:
+        return {}
+
+    def kept(self, played: Replay, start: int) -> Kept:
+        """What a replay keeps of the safety profile, known once. start: sample at which its manoeuvre begins."""
+        if (played, start) not in self._kept:
+            self._kept[played, start] = kept(played, self.packed, self.packed.safety, start=start)
+        return self._kept[played, start]
+
     @property
     def pools(self) -> dict[str, Pool]:
         """The candidates of each form that is planned under the settings."""
@@ -204,29 +213,32 @@ def best_plan(
     count, rejected = rejections(problem, pool, goal.accounting, nominal)
     best = pool.best(goal)
     if best is None:
-        margin = closest_margins(problem, pool, goal.accounting)
+        margin = closest_margins(problem, pool, goal.accounting, replays)
         return replace(
             Plan(policy, goal.accounting, names.INFEASIBLE, None, None, np.nan, count, rejected, margin),
             fallback=names.NO_LANE_CHANGE,
             binding=binding(problem.packed, rejected),
         )
     quintic = problem.task.quintic(int(pool.n[best]), float(pool.delta[best]), float(pool.change[best]))
+    played = _replayed(problem, quintic, replays)
+    value = float(pool.objective(goal)[best])
+    margin = plan_margins(problem, quintic, played, goal.accounting)
+    plan = Plan(policy, goal.accounting, names.SOLVED, quintic, played, value, count, rejected, margin)
+    return keeping(plan, problem)
+
+
+def _replayed(problem: PlanningProblem, quintic: Quintic, replays: dict[Quintic, Replay]) -> Replay:
     if quintic not in replays:
         replays[quintic] = replay(plan_motion(quintic, problem.packed), problem.packed)
-    value = float(pool.objective(goal)[best])
-    margin = plan_margins(problem, quintic, replays[quintic], goal.accounting)
-    plan = Plan(policy, goal.accounting, names.SOLVED, quintic, replays[quintic], value, count, rejected, margin)
-    return keeping(plan, problem.packed)
+    return replays[quintic]
 
 
-def keeping(plan: Plan, scene: PackedScene) -> Plan:
-    """The plan with its margins under the safety profile, if that asks anything of who changes lane.
-
-    scene: as packed for the event, whose lane the replay's pairs are on.
-    """
+def keeping(plan: Plan, problem: PlanningProblem) -> Plan:
+    """The plan with its margins under the safety profile, if that asks anything of who changes lane."""
+    scene = problem.packed
     if not scene.safety.asked or plan.replay is None or plan.policy == names.NO_LANE_CHANGE:
         return plan
-    found = kept(plan.replay, scene, scene.safety, start=round(plan.delay_s / scene.dt))
+    found = problem.kept(plan.replay, round(plan.delay_s / scene.dt))
     return replace(plan, margins=plan.margins | found.margins, moments=found.moments)
 
 
@@ -245,22 +257,14 @@ def reference_plans(problem: PlanningProblem, policy: str) -> list[Plan]:
         motion = human_margins(problem.scene.driver, problem.limit)
     else:
         played = stay(problem)
-    met = {accounting: contact_of(problem, policy, played, accounting) for accounting in names.ACCOUNTINGS}
-    return [
-        keeping(
-            Plan(
-                policy,
-                accounting,
-                names.CONTACT if met[accounting] else names.REFERENCE,
-                quintic,
-                played,
-                margins=motion | plan_margins(problem, quintic, played, accounting),
-                contact=met[accounting],
-            ),
-            problem.packed,
-        )
-        for accounting in names.ACCOUNTINGS
-    ]
+    found = []
+    for accounting in names.ACCOUNTINGS:
+        met = contact_of(problem, policy, played, accounting)
+        margins = motion | plan_margins(problem, quintic, played, accounting)
+        status = names.CONTACT if met else names.REFERENCE
+        plan = Plan(policy, accounting, status, quintic, played, margins=margins, contact=met)
+        found.append(keeping(plan, problem))
+    return found
 
 
 def contact_of(problem: PlanningProblem, policy: str, played: Replay, accounting: str) -> str:
@@ -291,14 +295,6 @@ def unchanged_motion(problem: PlanningProblem) -> tuple[AvMotion, FloatArray, Fl
     x, v, a = (np.empty((len(packed.follower_x), samples)) for _ in range(3))
     follow(free.x, free.vx, samples, packed, x, v, a)
     return replace(free, n=constant_samples(packed)), x, v, a
-
-
-def own_duration(problem: PlanningProblem, policy: str) -> float:
-    """How long the lane change of a reference policy lasts by itself [s]; the replay cuts it at H."""
-    if policy != names.HUMAN:
-        return CONSTANT_T
-    human = problem.scene.driver
-    return float((len(human.x) - 1 if human.end is None else human.end) * problem.packed.dt)
 
 
 def start_clearances(problem: PlanningProblem) -> dict[str, float]:
@@ -377,8 +373,13 @@ def plan_margins(
     return clearance
 
 
-def closest_margins(problem: PlanningProblem, pool: Pool, accounting: str) -> dict[str, float]:
-    """For an infeasible event: the largest margin of each constraint that any candidate of a sample reaches."""
+def closest_margins(
+    problem: PlanningProblem, pool: Pool, accounting: str, replays: dict[Quintic, Replay]
+) -> dict[str, float]:
+    """For an infeasible event: the largest margin of each constraint that any candidate of a sample reaches.
+
+    replays: those known, and filled.
+    """
     moving = np.flatnonzero(pool.within_limits)
     if not len(moving):
         scene, longest = problem.scene, problem.settings.search.T_max
@@ -387,10 +388,10 @@ def closest_margins(problem: PlanningProblem, pool: Pool, accounting: str) -> di
     closest: dict[str, float] = {}
     for i in sample:
         quintic = problem.task.quintic(int(pool.n[i]), float(pool.delta[i]), float(pool.change[i]))
-        played = replay(plan_motion(quintic, problem.packed), problem.packed)
+        played = _replayed(problem, quintic, replays)
         plan = Plan(
             "", accounting, "", quintic, played, margins=plan_margins(problem, quintic, played, accounting)
         )
-        for name, margin in keeping(plan, problem.packed).margins.items():
+        for name, margin in keeping(plan, problem).margins.items():
             closest[name] = max(margin, closest.get(name, -np.inf))
     return closest

@@ -1,6 +1,7 @@
 """Replay of one motion of the AV: its drive after T, the followers' reaction, clearances to everybody."""
 
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -17,6 +18,7 @@ from highd_lc.core.drive import (
     remembered,
 )
 from highd_lc.core.ellipse import ellipse_clearance
+from highd_lc.core.kernels import UNALIASED
 from highd_lc.core.losses import Charge, LossTerms, charge
 from highd_lc.core.quintic import SHARE_TOLERANCE, Quintic, reaches, sample
 from highd_lc.planning.scene import MOMENT, Human, PackedScene
@@ -247,6 +249,19 @@ def follow(
                 x[i, k + 1], v[i, k + 1] = advance(x[i, k], v[i, k], a[i, k], dt)
 
 
+class _Box(NamedTuple):
+    """The AV's ellipse at each sample: cosine and sine of its heading, its centre beside the planned point, and
+    how far it reaches along both axes [m], each of shape (N + 1,).
+    """
+
+    cos: FloatArray
+    sin: FloatArray
+    behind: FloatArray
+    beside: FloatArray
+    reach_x: FloatArray
+    reach_y: FloatArray
+
+
 @njit(cache=True, nogil=True)
 def clearances(
     x: FloatArray,
@@ -262,23 +277,37 @@ def clearances(
     m, p, samples = len(scene.leader_a), len(scene.follower_x), len(x)
     count = m + p + (1 if len(scene.origin_follower) else 0)
     to_T, after_T = np.full(count, np.inf), np.full(count, np.inf)
+    box = _Box(
+        np.ones(samples), np.zeros(samples), np.zeros(samples), np.zeros(samples),
+        np.full(samples, scene.a), np.full(samples, scene.b),
+    )  # fmt: skip
+    _turn(vx, vy, n, scene, box)
+    bounds, level = np.empty(samples), np.empty(samples)
     for i in range(m):
-        _nearest(
-            x, y, vx, vy, n, scene, scene.leader_x[i], scene.leader_y[i], scene.leader_a[i],
-            scene.leader_b[i], to_T, after_T, i,
-        )  # fmt: skip
+        axes = scene.leader_a[i], scene.leader_b[i]
+        _nearest(x, y, n, scene, box, scene.leader_x[i], scene.leader_y[i], axes, bounds, to_T, after_T, i)
     for i in range(p):
-        _nearest(
-            x, y, vx, vy, n, scene, follower_x[i], np.full(samples, scene.follower_y[i]),
-            scene.follower_a[i], scene.follower_b[i], to_T, after_T, m + i,
-        )  # fmt: skip
+        level[:], axes = scene.follower_y[i], (scene.follower_a[i], scene.follower_b[i])
+        _nearest(x, y, n, scene, box, follower_x[i], level, axes, bounds, to_T, after_T, m + i)
     if len(scene.origin_follower):
         behind = origin_follower_motion(x + scene.length / 2.0, vx, crossing, scene)
-        level = np.full(samples, scene.origin_follower[1])
-        a, b = scene.origin_follower[4], scene.origin_follower[5]
+        level[:], axes = scene.origin_follower[1], (scene.origin_follower[4], scene.origin_follower[5])
         last = min(crossing, n) + 1
-        _nearest(x[:last], y, vx, vy, n, scene, behind, level, a, b, to_T, after_T, count - 1)
+        _nearest(x[:last], y, n, scene, box, behind, level, axes, bounds, to_T, after_T, count - 1)
     return to_T, after_T
+
+
+@njit(cache=True, nogil=True)
+def _turn(vx: FloatArray, vy: FloatArray, n: int, scene: PackedScene, box: _Box) -> None:
+    """Turn the box with the motion up to sample n; it is straight before that, and stays so after it."""
+    for k in range(min(n + 1, len(vx))):
+        if vy[k] != 0.0:
+            speed = np.sqrt(vx[k] * vx[k] + vy[k] * vy[k])
+            cos, sin = vx[k] / speed, vy[k] / speed
+            box.cos[k], box.sin[k] = cos, sin
+            box.behind[k], box.beside[k] = scene.rear_to_centre * (1.0 - cos), scene.rear_to_centre * sin
+            box.reach_x[k] = np.sqrt((scene.a * cos) ** 2 + (scene.b * sin) ** 2)
+            box.reach_y[k] = np.sqrt((scene.a * sin) ** 2 + (scene.b * cos) ** 2)
 
 
 @njit(cache=True, nogil=True)
@@ -293,63 +322,41 @@ def origin_follower_motion(
     return x
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy", **UNALIASED)
 def _nearest(
     x: FloatArray,
     y: FloatArray,
-    vx: FloatArray,
-    vy: FloatArray,
     n: int,
     scene: PackedScene,
+    box: _Box,
     other_x: FloatArray,
     other_y: FloatArray,
-    a: float,
-    b: float,
+    axes: tuple[float, float],
+    bounds: FloatArray,
     to_T: FloatArray,
     after_T: FloatArray,
     index: int,
 ) -> None:
-    """Lower the clearances at ``index`` to those to an obstacle at other_x, other_y with semi-axes a, b."""
+    """Lower the clearances at ``index`` to those to an obstacle at other_x, other_y. axes: its semi-axes.
+
+    bounds: scratch, shape (N + 1,).
+    """
     # Separation along the axes is a lower bound: beside the clearance at the least of them, most need no more.
-    bounds, least = np.empty(len(x)), np.full(2, -1)
+    a, b = axes
     for k in range(len(x)):
-        dx, dy, cos, sin = _from_centre(k, x, y, vx, vy, n, scene, other_x, other_y)
-        bounds[k] = max(
-            abs(dx) - np.sqrt((scene.a * cos) ** 2 + (scene.b * sin) ** 2) - a,
-            abs(dy) - np.sqrt((scene.a * sin) ** 2 + (scene.b * cos) ** 2) - b,
-        )
-        part = 0 if k <= n else 1
-        if least[part] < 0 or bounds[k] < bounds[least[part]]:
-            least[part] = k
-    for place in range(-2, len(x)):
-        k = least[place + 2] if place < 0 else place
-        nearest = to_T if k <= n else after_T
-        if k >= 0 and bounds[k] < nearest[index]:
-            dx, dy, cos, sin = _from_centre(k, x, y, vx, vy, n, scene, other_x, other_y)
-            clearance = ellipse_clearance(dx, dy, np.arctan2(sin, cos), scene.a, scene.b, a, b)
-            nearest[index] = min(nearest[index], clearance)
-
-
-@njit(inline="always")
-def _from_centre(
-    k: int,
-    x: FloatArray,
-    y: FloatArray,
-    vx: FloatArray,
-    vy: FloatArray,
-    n: int,
-    scene: PackedScene,
-    other_x: FloatArray,
-    other_y: FloatArray,
-) -> tuple[float, float, float, float]:
-    """Position of an obstacle from the AV's box centre at sample k, cosine and sine of the AV's heading."""
-    cos, sin = 1.0, 0.0
-    if k <= n and vy[k] != 0.0:
-        speed = np.sqrt(vx[k] * vx[k] + vy[k] * vy[k])
-        cos, sin = vx[k] / speed, vy[k] / speed
-    dx = other_x[k] - x[k] + scene.rear_to_centre * (1.0 - cos)
-    dy = other_y[k] - y[k] - scene.rear_to_centre * sin
-    return dx, dy, cos, sin
+        dx, dy = other_x[k] - x[k] + box.behind[k], other_y[k] - y[k] - box.beside[k]
+        bounds[k] = max(abs(dx) - box.reach_x[k] - a, abs(dy) - box.reach_y[k] - b)
+    for part in range(2):
+        nearest, first, stop = (after_T, n + 1, len(x)) if part else (to_T, 0, min(n + 1, len(x)))
+        if first >= stop:
+            continue
+        least = first + int(np.argmin(bounds[first:stop]))
+        for place in range(first - 1, stop):
+            k = least if place < first else place
+            if bounds[k] < nearest[index]:
+                dx, dy = other_x[k] - x[k] + box.behind[k], other_y[k] - y[k] - box.beside[k]
+                heading = np.arctan2(box.sin[k], box.cos[k])
+                nearest[index] = min(nearest[index], ellipse_clearance(dx, dy, heading, scene.a, scene.b, a, b))
 
 
 CONSTANT_T = 5.5

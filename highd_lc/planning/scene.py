@@ -314,6 +314,15 @@ def pack(scene: Scene, settings: ValidateSettings) -> PackedScene:
     )
 
 
+def driven_by(packed: PackedScene, followers: Followers, settings: ValidateSettings) -> PackedScene:
+    """The packed scene with the same followers driven otherwise."""
+    return packed._replace(
+        parameters=np.ascontiguousarray(followers.parameters),
+        reactions=_reactions(followers, MOMENT_OF[settings.planner.leader_from]),
+        first_L=followers.L_no_change,
+    )
+
+
 def _reactions(followers: Followers, moment: float) -> FloatArray:
     """How each follower reacts, shape (p, 7). moment: of those whose model has none of its own."""
     given = (

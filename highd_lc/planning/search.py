@@ -55,9 +55,9 @@ def widest(task: Task, T: FloatArray) -> Widest:
     )
 
 
-def x_nodes(task: Task, free: bool) -> int:
+def x_nodes(task: Task) -> int:
     """Nodes over x_final: odd, so that the middle one is the smoothest motion."""
-    return 2 * ((task.settings.x_nodes - 1) // (4 if free else 2)) + 1
+    return 2 * ((task.settings.x_nodes - 1) // 2) + 1
 
 
 def node_step(value: FloatArray, largest: FloatArray, nodes: int) -> FloatArray:
@@ -66,11 +66,11 @@ def node_step(value: FloatArray, largest: FloatArray, nodes: int) -> FloatArray:
     return largest * step * (2.0 * np.sqrt(np.minimum(np.abs(value) / largest, 1.0)) + step)
 
 
-def basins(task: Task, pool: Pool, goals: list[Goal], *, free: bool) -> list[Head]:
+def basins(task: Task, pool: Pool, goals: list[Goal]) -> list[Head]:
     """The best basins of each goal that is not like one before it, at most ``zoom_starts`` of them, best first."""
     order = np.lexsort((pool.delta, pool.change, pool.n))
     new_line = (np.diff(pool.n[order]) != 0) | (np.diff(pool.change[order]) != 0)
-    place = _places(task, pool, free)
+    place = _places(task, pool)
     heads: list[Head] = []
     for g in distinct(pool, goals):
         value = pool.objective(goals[g])
@@ -80,12 +80,12 @@ def basins(task: Task, pool: Pool, goals: list[Goal], *, free: bool) -> list[Hea
     return heads
 
 
-def _places(task: Task, pool: Pool, free: bool) -> FloatArray:
+def _places(task: Task, pool: Pool) -> FloatArray:
     """Each candidate's place, shape (M, 3): neighbours are less than 1 apart in every coordinate."""
     T = task.seconds(pool.n)
     largest = widest(task, T)
     _, row = np.unique(pool.n, return_inverse=True)
-    bend = _evenly(pool.delta - pool.change * T / 2.0, largest.bend, x_nodes(task, free))
+    bend = _evenly(pool.delta - pool.change * T / 2.0, largest.bend, x_nodes(task))
     change = _evenly(pool.change, largest.change, task.settings.v_nodes)
     return np.stack([row / (_DURATIONS + 0.5), bend / _NODES, change / _NODES], axis=1)
 
@@ -144,7 +144,7 @@ def refine(task: Task, pool: Pool, goals: list[Goal], *, free: bool) -> Pool:
     if starts_critically(task.scene):
         return pool
     pool = refine_edges(task, pool, goals)
-    pool, heads = _zoom_heads(task, pool, goals, basins(task, pool, goals, free=free), free=free)
+    pool, heads = _zoom_heads(task, pool, goals, basins(task, pool, goals), free=free)
     explored: set[Place] = set()
     while rows := _beside(task, pool, _leading(pool, goals, heads), explored, free=free):
         pool, starts = _into_slots(task, pool, goals, rows) if free else (pool, rows)
@@ -173,7 +173,7 @@ def zoom_rows(
     if not rows:
         return pool, np.empty(0, np.int64)
     n, index, goal = (np.array(column) for column in zip(*rows, strict=True))
-    starts = Starts(n, goal, *_window(task, pool, n, index, free=free, window=window))
+    starts = Starts(n, goal, *_window(task, pool, n, index, window=window))
     levels = task.settings.zoom_levels_free if free else task.settings.zoom_levels
     return zoom(task, pool, goals, starts, levels=levels, free=free)
 
@@ -187,14 +187,14 @@ def _zoom_heads(
 
 
 def _window(
-    task: Task, pool: Pool, n: IntArray, index: IntArray, *, free: bool, window: float
+    task: Task, pool: Pool, n: IntArray, index: IntArray, *, window: float
 ) -> tuple[FloatArray, FloatArray]:
     """Centres and frames about candidates that are moved to durations n: as wide as the grid's steps there."""
     change = pool.change[index]
     bend = pool.delta[index] - change * task.seconds(pool.n[index]) / 2.0
     largest = widest(task, task.seconds(n))
     frame = np.zeros((len(n), 2, 2))
-    frame[:, 0, 0] = window * node_step(bend, largest.bend, x_nodes(task, free))
+    frame[:, 0, 0] = window * node_step(bend, largest.bend, x_nodes(task))
     frame[:, 1, 1] = window * node_step(change, largest.change, task.settings.v_nodes)
     return np.stack([bend, change], axis=1), frame
 
@@ -240,7 +240,7 @@ def _into_slots(task: Task, pool: Pool, goals: list[Goal], rows: list[Row]) -> t
     if not moved:
         return pool, rows
     n, index, _ = (np.array(column) for column in zip(*moved, strict=True))
-    centre, frame = _window(task, pool, n, index, free=True, window=1.0)
+    centre, frame = _window(task, pool, n, index, window=1.0)
     bend = centre[:, :1] + frame[:, 0, :1] * np.linspace(-1.0, 1.0, WIDTH)
     change = np.repeat(centre[:, 1:], WIDTH, axis=1)
     lines = task.simulate(n, bend + change * task.seconds(n)[:, None] / 2.0, change)
@@ -303,7 +303,7 @@ def grid(task: Task, n: IntArray, *, free: bool) -> Pool:
     change = _changes(task, T, free)
     low, high = forward_interval(T, change, task.scene.v0, task.limit, task.scene.start.ax)
     # Dense about the smoothest motion, which is also a node: the jerk sum has a kink there.
-    nodes = x_nodes(task, free)
+    nodes = x_nodes(task)
     s = np.linspace(-1.0, 1.0, nodes) + np.zeros((len(n), 1, 1))
     # Every other duration has its nodes in between: the objective changes little from one to the next.
     s[1::2] = np.where(s[1::2] == 0.0, 0.0, s[1::2] - np.sign(s[1::2]) / (nodes - 1))

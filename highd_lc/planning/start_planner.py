@@ -125,7 +125,7 @@ def _best_plan(posed: StartProblem, pools: StartPools, goal: Goal, policy: str, 
         delay_s=round(best.key[1] * posed.problem.packed.dt, 10),
         gap=posed.gaps[best.key[0]].name,
     )
-    return keeping(_waiting(posed, pools[CONTAINED], solved, nominal), posed.problem.packed)
+    return keeping(_waiting(posed, pools[CONTAINED], solved, nominal), posed.problem)
 
 
 def _waiting(posed: StartProblem, at_once: Pool, plan: Plan, nominal: dict[str, int]) -> Plan:
@@ -151,7 +151,7 @@ def _closest(posed: StartProblem, pools: StartPools, accounting: str) -> dict[st
     """Without a feasible plan at any start: the largest margin of each constraint over some candidates of all."""
     kept = [(key, int(i)) for key, pool in pools.items() for i in np.flatnonzero(pool.within_limits)]
     if not kept:
-        return closest_margins(posed.problem, pools[CONTAINED], accounting)
+        return closest_margins(posed.problem, pools[CONTAINED], accounting, {})
     closest: dict[str, float] = {}
     for place in np.unique(np.linspace(0, len(kept) - 1, _LOOKED_AT).astype(int)):
         key, i = kept[place]
@@ -160,7 +160,7 @@ def _closest(posed: StartProblem, pools: StartPools, accounting: str) -> dict[st
         margins = _margins(posed, key, quintic, played, accounting)
         delay = key[1] * posed.problem.packed.dt
         plan = Plan("", accounting, "", quintic, played, margins=margins, delay_s=delay)
-        for name, margin in keeping(plan, posed.problem.packed).margins.items():
+        for name, margin in keeping(plan, posed.problem).margins.items():
             closest[name] = max(float(margin), closest.get(name, -np.inf))
     return closest
 

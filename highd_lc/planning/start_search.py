@@ -23,7 +23,8 @@ from highd_lc.planning.zoom import hides_better
 IntArray = NDArray[np.int64]
 
 _DELAY_STEP: Final = 5
-_THIN: Final = {"x_nodes": 17, "v_nodes": 7}
+_THIN: Final = {False: {"x_nodes": 17}, True: {"x_nodes": 9, "v_nodes": 7}}
+"""The thin grid of the fixed and of the free form."""
 _DURATION_STEP_FIXED: Final = 4
 _DURATION_STEP_FREE: Final = 8
 _ROUGH: Final = {"zoom_levels_free": 3}
@@ -149,7 +150,7 @@ def _worth_a_grid(found: _Found, goals: list[Goal], keys: list[Key]) -> list[Key
 
 
 def _thin_grid(task: Task, free: bool) -> Pool:
-    thin = replace(task, settings=task.settings.model_copy(update=_THIN))
+    thin = replace(task, settings=task.settings.model_copy(update=_THIN[free]))
     step = _DURATION_STEP_FREE if free else _DURATION_STEP_FIXED
     return grid(thin, possible_durations(thin)[::step], free=free)
 

@@ -1,6 +1,8 @@
 """Losses and safety of a replayed motion under every accounting (equations.md 4, 6 and 12)."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numba import njit
@@ -221,6 +223,14 @@ class Scores:
     unchanged: Plan
     found: dict[Replay, Charges] = field(default_factory=dict)
     safe: dict[tuple[Replay, int], dict[str, float]] = field(default_factory=dict)
+    kept_lane: dict[int, float] = field(default_factory=dict)
+    seen: dict[Replay, dict[str, Any]] = field(default_factory=dict)
+
+    def once(self, replay: Replay, make: Callable[[], dict[str, Any]]) -> dict[str, Any]:
+        """Columns that no accounting changes, made when first asked for."""
+        if replay not in self.seen:
+            self.seen[replay] = make()
+        return self.seen[replay]
 
     def losses(self, replay: Replay) -> Charges:
         """What a replay is charged."""
@@ -241,8 +251,9 @@ class Scores:
 
     def hv_unchanged(self, last: int) -> float:
         """The followers' loss without a lane change, charged up to sample ``last``; NaN after a contact."""
-        replay, origin = self.unchanged.replay, self.problem.scene.origin_leader
-        assert replay is not None, "it needs no plan"
-        if first_contact(replay, self.problem.packed, joins=False, last=last, origin_leader=origin):
-            return np.nan
-        return self.losses(replay).of_hv(self.problem.terms, last).loss
+        if last not in self.kept_lane:
+            replay, origin = self.unchanged.replay, self.problem.scene.origin_leader
+            assert replay is not None, "it needs no plan"
+            met = first_contact(replay, self.problem.packed, joins=False, last=last, origin_leader=origin)
+            self.kept_lane[last] = np.nan if met else self.losses(replay).of_hv(self.problem.terms, last).loss
+        return self.kept_lane[last]

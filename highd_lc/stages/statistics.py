@@ -176,6 +176,7 @@ class PolicyLosses:
             (str(accounting), str(policy)): rows.set_index("event_id")
             for (accounting, policy), rows in losses.groupby(["accounting", "policy"], sort=False)
         }
+        self._pairs: dict[tuple[str, str, str], pd.DataFrame] = {}
 
     def of(self, accounting: str, policy: str) -> pd.DataFrame:
         """One row an event, indexed by event_id; none where the policy was not planned."""
@@ -187,11 +188,15 @@ class PolicyLosses:
 
         contact: whether somebody drives through another under either of them.
         """
-        one, other = self.of(accounting, policy), self.of(accounting, against)
-        if one.empty or other.empty:
-            return pd.DataFrame()
-        pair = one.add_suffix("_1").join(other.add_suffix("_0"), how="inner")
-        return pair.assign(contact=pair["contact_1"].ne("") | pair["contact_0"].ne(""))
+        key = accounting, policy, against
+        if key not in self._pairs:
+            one, other = self.of(accounting, policy), self.of(accounting, against)
+            pair = pd.DataFrame()
+            if not (one.empty or other.empty):
+                pair = one.add_suffix("_1").join(other.add_suffix("_0"), how="inner")
+                pair = pair.assign(contact=pair["contact_1"].ne("") | pair["contact_0"].ne(""))
+            self._pairs[key] = pair
+        return self._pairs[key].copy(deep=False)
 
     def in_view(self, accounting: str, policy: str, against: str) -> pd.DataFrame:
         """By event the model's error and the policies' effect in the same loss (``error_and_effect``)."""
@@ -209,9 +214,13 @@ def seen(events: pd.DataFrame) -> dict[str, float]:
     events: columns error and effect of ``PolicyLosses.in_view``; both means are over the events that have both.
     Unknown is NaN; so is the ratio to no effect.
     """
-    error, effect = events[["error", "effect"]].astype(float).dropna().abs().mean()
-    known = effect > NO_EFFECT
-    return {"effect": effect, "error": error, "error_over_effect": error / effect if known else np.nan}
+    known = events[["error", "effect"]].astype(float).dropna().to_numpy()
+    error, effect = np.abs(known).mean(axis=0).tolist() if len(known) else (np.nan, np.nan)
+    return {
+        "effect": effect,
+        "error": error,
+        "error_over_effect": error / effect if effect > NO_EFFECT else np.nan,
+    }
 
 
 def validation_matrix(

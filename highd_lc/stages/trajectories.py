@@ -1,7 +1,7 @@
 """The artefact ``trajectories``: what was recorded, planned, simulated and tracked, on the grid of 0.1 s."""
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from highd_lc.io import artefacts
 from highd_lc.planning.planner import Plan, PlanningProblem
 from highd_lc.planning.replay import AvMotion, box_centre, following
-from highd_lc.planning.scene import Motion, pack
+from highd_lc.planning.scene import Motion, driven_by
 from highd_lc.reporting import labels
 from highd_lc.reporting.event import PredictionTrace
 from highd_lc.stages.scene_drivers import Columns, behind_recorded
@@ -84,7 +84,7 @@ def judged_traces(planned: Sequence[Planned], judged: JudgedDrivers) -> Iterator
         if model in done or (scene.event_id,) not in drivers:
             continue
         followers = behind_recorded(scene.followers, drivers[scene.event_id,], model)
-        packed = pack(replace(scene, followers=followers), problem.settings)
+        packed = driven_by(problem.packed, followers, problem.settings)
         key = (scene.event_id, names.PRIMARY_ACCOUNTING, RECORDED, model, SIMULATED)
         yield from _followers(problem, following(av, packed), key, seen=av.recorded + 1)
 

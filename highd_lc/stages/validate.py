@@ -249,8 +249,6 @@ def loss_row(problem: PlanningProblem, plan: Plan, scores: Scores) -> Row:
         # What a motion costs in which vehicles pass through one another is not a loss.
         row |= charges.losses_at(losses, plan.accounting, terms, n=n, dt=dt)
         row["loss_hv_increment"] = row["loss_hv"] - scores.hv_unchanged(charged)
-        if problem.scene.human is not None and problem.scene.followers.recorded:
-            row["loss_hv_in_view"] = loss_in_view(list(plan.replay.v), problem.scene, terms, settings)
     if plan.policy == names.HUMAN:
         recorded = problem.scene.followers.recorded
         # Behind the recorded ego both: once it is out of view the simulated ones follow somebody else.
@@ -260,13 +258,20 @@ def loss_row(problem: PlanningProblem, plan: Plan, scores: Scores) -> Row:
             row["loss_hv_simulated"] = np.nan
         row["av_comfort_raw"] = problem.scene.driver.comfort_raw / settings.comfort_scale
         row["loss_hv_in_view_recorded"] = loss_in_view([m.v for m in recorded], problem.scene, terms, settings)
-    row |= scores.safety(plan, charged)
-    if plan.policy != names.NO_LANE_CHANGE:
-        start = round(plan.delay_s / dt)
-        row |= charges.lane_change_safety(
-            *av_pairs(plan.replay, problem.packed), problem.settings.safety, start, dt
-        )
+    row |= scores.safety(plan, charged) | scores.once(plan.replay, partial(_whatever_is_charged, problem, plan))
     row["peak_follower_decel"] = charges.peak_deceleration(plan.replay.a, charged)
+    return row if not plan.contact else row | {"loss_hv_in_view": np.nan}
+
+
+def _whatever_is_charged(problem: PlanningProblem, plan: Plan) -> Row:
+    """The columns of ``losses`` that no accounting changes."""
+    assert plan.replay is not None, "asked for plans alone"
+    scene, settings, row = problem.scene, problem.settings, {}
+    if scene.human is not None and scene.followers.recorded:
+        row["loss_hv_in_view"] = loss_in_view(list(plan.replay.v), scene, problem.terms, settings.loss)
+    if plan.policy != names.NO_LANE_CHANGE:
+        pairs, start = av_pairs(plan.replay, problem.packed), round(plan.delay_s / scene.dt)
+        row |= charges.lane_change_safety(*pairs, settings.safety, start, scene.dt)
     return row
 
 

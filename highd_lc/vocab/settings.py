@@ -243,7 +243,7 @@ class PlannerSettings(Section):
 
     T_min: Annotated[float, Field(ge=0.5, le=60, description="shortest manoeuvre [s]")] = 2.0
     T_max: Annotated[float, Field(ge=0.5, le=60, description="longest manoeuvre [s]")] = 10.0
-    x_nodes: Annotated[int, Field(ge=5, le=1000, description="grid nodes over x_final at each T")] = 32
+    x_nodes: Annotated[int, Field(ge=5, le=1000, description="grid nodes over x_final at each T")] = 15
     v_nodes: Annotated[int, Field(ge=3, le=1000, description="grid nodes over v_end (free form)")] = 12
     T_nodes_free: Annotated[int, Field(ge=5, le=1000, description="durations on the free form's first grid")] = 27
     zoom_starts: Annotated[int, Field(ge=1, le=100, description="basins that are refined for each goal")] = 4
