@@ -6,6 +6,7 @@ is said with the reason.
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any, Final
 
 import pandas as pd
@@ -76,6 +77,12 @@ class RunTables:
     multiverse: pd.DataFrame = field(default_factory=pd.DataFrame)
     believed: str = ""
 
+    @cached_property
+    def cells(self) -> dict[Any, Any]:
+        """The rows of the matrix over all events, by form and accounting."""
+        whole = self.matrix[self.matrix["stratum"] == ALL]
+        return {(row.form, row.accounting): row for row in whole.itertuples(index=False)}
+
 
 def run_says(run: RunTables) -> list[Said]:
     """What the run says, heading by heading, from what went in to what it cannot say."""
@@ -114,9 +121,7 @@ def planned(run: RunTables) -> list[str]:
 
 def cell_of(run: RunTables, form: str, accounting: str) -> Any:
     """The row of the matrix over all events; None if the form was not planned."""
-    matrix = run.matrix
-    chosen = matrix[(matrix["stratum"] == ALL) & (matrix["form"] == form) & (matrix["accounting"] == accounting)]
-    return next(chosen.itertuples(index=False), None)
+    return run.cells.get((form, accounting))
 
 
 def _solved(cell: Any) -> int:

@@ -29,12 +29,22 @@ def robustness() -> str:
 
 
 @cache
+def of_matrix() -> str:
+    return matrix_page(matrix())
+
+
+@cache
+def of_calibration() -> str:
+    return calibration_page(calibration())
+
+
+@cache
 def summary() -> str:
     return summary_page(sample_summary())
 
 
 def test_the_matrix_shows_every_cell_with_its_interval():
-    page = matrix_page(matrix())
+    page = of_matrix()
     shown = {(row[0], row[1]): row for row in rows_of(page)[1:7]}
     assert len(shown) == 6
     whole = matrix().query("stratum == 'all'")
@@ -47,12 +57,12 @@ def test_the_matrix_shows_every_cell_with_its_interval():
 
 
 def test_the_primary_accounting_leads():
-    first = rows_of(matrix_page(matrix()))[1]
+    first = rows_of(of_matrix())[1]
     assert first[:2] == ["Fixed end speed", "Equal"]
 
 
 def test_strata_have_their_tables():
-    page = matrix_page(matrix())
+    page = of_matrix()
     for form in names.FORMS:
         for accounting in names.ACCOUNTINGS:
             rows = rows_of(page, after=f'id="{form}-{accounting}"')
@@ -60,7 +70,7 @@ def test_strata_have_their_tables():
 
 
 def test_table_3_stands_side_by_side():
-    rows = rows_of(calibration_page(calibration()), after='id="table3"')
+    rows = rows_of(of_calibration(), after='id="table3"')
     desired = rows[1]
     mean = TABLE3_MEANS.v_desire
     assert desired[0] == "desired speed v_desire"
@@ -70,7 +80,7 @@ def test_table_3_stands_side_by_side():
 
 
 def test_where_parameters_come_from_adds_up():
-    rows = rows_of(calibration_page(calibration()), after="Where the parameters come from")
+    rows = rows_of(of_calibration(), after="Where the parameters come from")
     assert rows[1:5] == [["fitted", "20"], ["class pool", "10"], ["pool of all", "0"], ["Table 3 means", "10"]]
 
 
@@ -154,7 +164,7 @@ def test_a_run_in_which_nothing_is_feasible_still_has_a_summary():
 
 
 def test_beliefs_and_pooling_are_told_in_words():
-    page = calibration_page(calibration())
+    page = of_calibration()
     assert "Believable one by one: L." in page
     rows = rows_of(page, after='id="pooling"')
     assert [row[0] for row in rows[1:4]] == ["not at all: own fit", "strength 0.1", "entirely: the median drives"]
@@ -173,7 +183,7 @@ def test_the_matrix_shows_both_follower_models_the_default_first_and_strata_of_t
     titles, *rows = rows_of(page)[:13]
     assert titles[0] == "Followers"
     assert [row[0] for row in rows] == ["own fit"] * 6 + ["Table 3 means"] * 6
-    one = matrix_page(matrix())
+    one = of_matrix()
     assert "Followers" not in rows_of(one)[0][0]
     assert page.count("by stratum</h2>") == one.count("by stratum</h2>") > 0
 
@@ -266,7 +276,7 @@ def test_a_run_without_any_event_still_has_its_pages():
     assert "0 events" in index_page(index)
 
 
-@pytest.mark.parametrize("page", [dictionary_page(), matrix_page(matrix()), summary(), robustness()])
+@pytest.mark.parametrize("page", [dictionary_page(), of_matrix(), summary(), robustness()])
 def test_pages_ask_for_nothing(page):
     assert "default-src 'none'" in page
     namespaces = {"http://www.w3.org/2000/svg", "http://www.w3.org/1999/xlink"}

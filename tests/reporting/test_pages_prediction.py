@@ -108,7 +108,7 @@ def test_aims_stand_with_their_values_and_verdicts():
     assert "1 cannot be judged here" in section(page(), "believed")
 
 
-def test_each_recording_has_its_skill_and_a_verdict():
+def test_each_recording_has_its_skill_and_a_verdict(undrawn):
     tables = sample_prediction()
     rows = tables.prediction_summary.copy()
     one = (rows["stratum"] == "recording=06") & (rows["model"] == DEFAULT) & (rows["horizon_s"] == 5.0)
@@ -147,7 +147,7 @@ def test_strata_hold_every_model():
     assert ["constant speed", "recording: 06", "8", "4"] in [row[:4] for row in rows]
 
 
-def test_strata_stand_in_the_order_of_their_classes():
+def test_strata_stand_in_the_order_of_their_classes(undrawn):
     tables = sample_prediction(6, 2)
     classes = ("spacing=20 .. 35", "spacing=< 20", "recording=10", "recording=02")
     whole = tables.prediction_summary.query("stratum == 'all'")

@@ -324,7 +324,7 @@ def test_what_was_filmed_and_where():
     assert said(turns, "Other places").endswith("1.00 % more to 2.00 % less total loss.")
 
 
-def test_the_pages_begin_with_the_words_and_escape_them():
+def test_the_pages_begin_with_the_words_and_escape_them(undrawn):
     hostile = [("<b>title", ("<img src=x>", "50 % & more"))]
     page = summary_page(sample_summary(6), hostile)
     assert "<img" not in page

@@ -36,12 +36,12 @@ def make_scenarios(reports: Path) -> None:
 
 
 @pytest.fixture
-def make_report(pipeline_run, undrawn, tmp_path):
+def make_report(quick_run, undrawn, tmp_path):
     """Bring a copy of a finished run up to date, into its folder of reports, where there is nothing yet."""
-    options = copied(pipeline_run, tmp_path, reports=False)
+    options = copied(quick_run, tmp_path, reports=False)
 
     def make() -> Path:
-        engine.run(pipeline_run.settings, options, last="report", console=Console(file=io.StringIO()))
+        engine.run(quick_run.settings, options, last="report", console=Console(file=io.StringIO()))
         return options.reports
 
     return make

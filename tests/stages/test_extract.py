@@ -14,7 +14,7 @@ from highd_lc.vocab import names
 FIXTURES = Path(__file__).parents[1] / "fixtures"
 # Shrinking a seed makes no simpler recording.
 FEW = settings(
-    max_examples=6,
+    max_examples=4,
     deadline=None,
     phases=(Phase.explicit, Phase.reuse, Phase.generate),
     suppress_health_check=list(HealthCheck),

@@ -108,7 +108,7 @@ def test_ledger_agrees_with_the_cells(made):
     assert ledger.loc["1:local_optimum:ttt_difference_s", "ours"] == row["ttt_difference_s"]
 
 
-def test_the_same_run_gives_the_same_tables_and_links_a_report_above(made, tmp_path):
+def test_the_same_run_gives_the_same_tables_and_links_a_report_above(made, undrawn, tmp_path):
     (tmp_path / "index.html").write_text(f"<nav>{TO_SCENARIOS.room}</nav>")
     again = scenarios.run(small(), tmp_path / "scenarios", sweep=True, threads=1)
     for name, frame in made.frames.items():

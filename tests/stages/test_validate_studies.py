@@ -15,13 +15,15 @@ from highd_lc.vocab.tables.studies import STUDY_TABLES
 
 SETTINGS = Settings.model_validate(
     {
-        "calibrate": {"optimiser": "screen"},
+        "calibrate": {"optimiser": "screen", "models": ["constant_speed", "own_fit", "table3"]},
         "validate": {
             "followers": {"model": "own_fit", "also": ["table3"], "also_sample": 3},
             "studies": {
                 "sample": 3, "solver_sample": 1, "solver_starts": 2, "draws": 4, "replans": 2,
                 "population": 24, "generations": 6, "horizons_s": [5.0], "multibody_sample": 2,
+                "safety_sample": 2,
             },
+            "trajectories": "none",
             "robust": {"sample": 3, "draws": 2},
             "multiverse": {"sample": 1},
             "closed_loop": {"events": 0},
