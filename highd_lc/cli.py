@@ -3,59 +3,60 @@
 Commands import what they run themselves: what one of them does not need would cost it a second of start-up.
 """
 
-import os
-import signal
+import logging
 import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
+import traceback
 from importlib.metadata import version
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
-from rich.console import Console
+from typer.core import TyperGroup
 
-from highd_lc.cli_events import DEFAULT_WORK, Json, Work, add_commands, print_json
+from highd_lc.cli_console import (
+    PLAIN,
+    console,
+    errors,
+    open_closed_streams,
+    print_json,
+    show_tracebacks,
+    signals_as_errors,
+)
+from highd_lc.cli_events import DEFAULT_WORK, Json, Work, add_commands
+from highd_lc.cli_results import end_with_problems, list_problems, page, preview_lines, print_results, results
 from highd_lc.io import settings as settings_file
 from highd_lc.vocab.compile_cache import require_cache
-from highd_lc.vocab.errors import HighdLcError, InterruptedRunError, StorageError, UsageError
-from highd_lc.vocab.job import Options, Outcome, Problem
+from highd_lc.vocab.errors import HighdLcError, StorageError, UsageError, told
+from highd_lc.vocab.job import Options, Outcome
 from highd_lc.vocab.settings import Settings
 
-
-def open_closed_streams() -> None:
-    """Give closed standard streams a place: the next file opened would get their number, and their text."""
-    while (descriptor := os.open(os.devnull, os.O_RDWR)) <= 2:
-        os.set_inheritable(descriptor, True)
-    os.close(descriptor)
-    sys.stdout = sys.stdout or open(1, "w", closefd=False)  # noqa: SIM115
-    sys.stderr = sys.stderr or open(2, "w", closefd=False)  # noqa: SIM115
-    for stream in (sys.stdout, sys.stderr):
-        if hasattr(stream, "reconfigure"):  # no test's stand-in has
-            # A name that the encoding lacks, or that is none in any encoding, is shown by its codes.
-            stream.reconfigure(errors="backslashreplace")
-
-
-class PatientConsole(Console):
-    """A console that survives a closed pipe: the rest of its text is dropped, work and exit code stay."""
-
-    def on_broken_pipe(self) -> None:
-        """Write to nowhere from here on."""
-        self.quiet = True
-        nowhere = os.open(os.devnull, os.O_WRONLY)
-        os.dup2(nowhere, self.file.fileno())
-        os.close(nowhere)
-
-
 _HELP = "Calibrate and validate lane-change planning on HighD recordings."
-app = typer.Typer(no_args_is_help=True, add_completion=False, pretty_exceptions_enable=False, help=_HELP)
-# Without a terminal (make, CI, a log) the width is fixed, so that tables are not cut.
-console = PatientConsole(width=None if sys.stdout and sys.stdout.isatty() else 100)
-errors = PatientConsole(stderr=True, soft_wrap=True, highlight=False)
+_DEBUG = "--debug"
 
+
+class _Commands(TyperGroup):
+    """The commands; --debug may stand behind a command's name too."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Move it to the front, unless it stands behind --, which ends the options."""
+        options, rest = (args[: args.index("--")], args[args.index("--") :]) if "--" in args else (args, [])
+        others = [option for option in options if option != _DEBUG]
+        return super().parse_args(ctx, [_DEBUG] * (len(others) < len(options)) + others + rest)
+
+
+app = typer.Typer(cls=_Commands, no_args_is_help=True, pretty_exceptions_enable=False, help=_HELP)
 _HIGHD = Path("data/highd")
 
-Pipeline = Annotated[str | None, typer.Option(help="pipeline: TOML file or shipped name")]
+
+def _shipped(incomplete: str = "") -> list[str]:
+    """Names of the shipped pipelines of recordings that begin with something."""
+    names = (path.stem for path in settings_file.shipped_pipelines())
+    return [name for name in names if name.startswith(incomplete) and name != _SCENARIOS]
+
+
+_SCENARIOS = "scenarios"
+_WHICH = f"TOML file or shipped name: {', '.join(_shipped())}; default: highd with data, demo without"
+Pipeline = Annotated[str | None, typer.Option(help=_WHICH, autocompletion=_shipped)]
 Data = Annotated[Path | None, typer.Option(help="folder of recordings; default data/highd, else synthetic")]
 Format = Annotated[
     str | None, typer.Option("--format", metavar="highd|ngsim", help="of the recordings; default: by content")
@@ -63,6 +64,7 @@ Format = Annotated[
 Reports = Annotated[Path, typer.Option(help="folder of the pages")]
 Workers = Annotated[int, typer.Option(min=1, max=256, help="local processes")]
 Scheduler = Annotated[str | None, typer.Option(help="address of a Dask scheduler")]
+DryRun = Annotated[bool, typer.Option("--dry-run", help="say what would run, and run and write nothing")]
 Verify = Annotated[bool, typer.Option("--verify", help="hash all inputs instead of trusting size and time")]
 Strict = Annotated[bool, typer.Option("--strict", help="stop at the first bad recording")]
 
@@ -74,125 +76,35 @@ Planners = Annotated[
 DEFAULT_REPORTS = Path("reports")
 
 
-class _TerminatedError(KeyboardInterrupt):
-    """SIGTERM. No ``except Exception`` on the way takes it for a fault of a recording."""
-
-
-def _terminate(_signal: int, _frame: object) -> None:
-    raise _TerminatedError
-
-
-@contextmanager
-def _signals_as_errors() -> Iterator[None]:
-    """Turn SIGINT and SIGTERM into errors with a message and the shell's exit code."""
-    before = signal.signal(signal.SIGTERM, _terminate)
-    try:
-        yield
-    except KeyboardInterrupt as error:
-        what, number = ("terminated", 15) if isinstance(error, _TerminatedError) else ("interrupted", 2)
-        text = f"{what}; what was finished is kept: the same command continues from there"
-        raise InterruptedRunError(text, 128 + number) from error
-    finally:
-        signal.signal(signal.SIGTERM, before)
-
-
 def _go(
-    stage: str | None, settings: Settings, options: Options, *, browser: bool = False, as_json: bool = False
+    stage: str | None,
+    settings: Settings,
+    options: Options,
+    *,
+    browser: bool = False,
+    as_json: bool = False,
+    dry_run: bool = False,
 ) -> None:
+    from highd_lc import engine
+
+    if dry_run:
+        rows = engine.preview(settings, options, last=stage)
+        print_json({"dry_run": rows}) if as_json else console.print(*preview_lines(rows), sep="\n", **PLAIN)
+        return
     outcome = Outcome()
     try:
-        with _signals_as_errors():
-            from highd_lc import engine
-
+        with signals_as_errors():
             engine.run(settings, options, last=stage, console=errors if as_json else console, outcome=outcome)
     except HighdLcError as error:
-        _list([problem for problem in outcome.problems if problem.message not in str(error)])
+        list_problems([problem for problem in outcome.problems if problem.message not in str(error)])
         raise
     if as_json:
-        print_json(console, _results(list(outcome.counts)[-1], options, outcome))
+        print_json(results(outcome, options))
     else:
-        _print_confirmed(outcome)
-        _print_results(list(outcome.counts)[-1], options, settings.validation.follower_models[0])
+        print_results(outcome, options, settings.validation.follower_models[0])
     if browser:
-        typer.launch(str(_page(options)))
-    _end_with_problems(outcome)
-
-
-def _page(options: Options) -> Path:
-    """What to look at first: the page of the event asked for, else the index."""
-    first = f"events/{options.events[0]}.html" if options.events else "index.html"
-    return (options.reports / first).resolve()
-
-
-def _print_confirmed(outcome: Outcome) -> None:
-    counts = outcome.counts.get("extract", {})
-    if n_events := counts.get("events"):
-        confirmed = counts["roles_confirmed"]
-        text = f"roles confirmed by the recorded leader ids: {confirmed} of {n_events} events"
-        console.print(f"{text} ({confirmed / n_events:.1%})", soft_wrap=True, highlight=False)
-
-
-def _print_results(stage: str, options: Options, model: str) -> None:
-    from highd_lc.io import artefacts
-    from highd_lc.reporting.terminal import (
-        aims_table,
-        lcm_table,
-        leaderboard_table,
-        matrix_table,
-        prediction_lines,
-        prediction_table,
-        price_words,
-    )
-    from highd_lc.stages.prediction_tables import followers_believed, is_judged
-
-    if stage == "calibrate":
-        console.print(lcm_table(artefacts.read(options.work, "summary_lcm")))
-        if is_judged(options.work):
-            summary = artefacts.read(options.work, "prediction_summary")
-            console.print(prediction_table(summary))
-            lines = prediction_lines(summary, artefacts.read(options.work, "dose_response"))
-            console.print(*lines, sep="\n", markup=False, highlight=False)
-            console.print(aims_table(artefacts.read(options.work, "prediction_aims")))
-    if stage in ("validate", "report"):
-        console.print(*followers_believed(options.work, model), sep="\n", markup=False, highlight=False)
-        console.print(matrix_table(artefacts.read(options.work, "validation_matrix")))
-        board = artefacts.read(options.work, "leaderboard")
-        if len(board):
-            console.print(leaderboard_table(board))
-        console.print(price_words(artefacts.read(options.work, "safety_price")))
-    if stage == "report":
-        console.print(f"report: {_page(options)}", soft_wrap=True)
-
-
-_TABLES_OF = {
-    "calibrate": ("summary_lcm", "prediction_summary"),
-    "validate": ("prediction_summary", "validation_matrix", "leaderboard"),
-    "report": ("prediction_summary", "validation_matrix", "leaderboard"),
-}
-"""The tables whose numbers a command ends with."""
-
-
-def _results(stage: str, options: Options, outcome: Outcome) -> dict[str, Any]:
-    """What a command ends with, as values: counts, problems, the tables it prints, the page."""
-    from highd_lc.io import artefacts
-    from highd_lc.io.event_description import records
-
-    told = [{"recording": p.recording, "stage": p.stage, "warning": p.warning} for p in outcome.problems]
-    problems = [about | {"message": p.message} for about, p in zip(told, outcome.problems, strict=True)]
-    tables = {name: records(artefacts.read(options.work, name)) for name in _TABLES_OF.get(stage, ())}
-    page = {"report": str(_page(options))} if stage == "report" else {}
-    return {"counts": outcome.counts, "problems": problems, **tables, **page}
-
-
-def _list(problems: list[Problem]) -> None:
-    for problem in problems:
-        errors.print(f"{'warning: ' * problem.warning}{problem.stage}: {problem.message}", markup=False)
-
-
-def _end_with_problems(outcome: Outcome) -> None:
-    _list(outcome.problems)
-    if any(not problem.warning for problem in outcome.problems):
-        raise typer.Exit(4)
+        typer.launch(str(page(options)))
+    end_with_problems(outcome)
 
 
 def _settings(pipeline: str | None, data: Path | None, format_: str | None = None) -> Settings:
@@ -227,11 +139,12 @@ def _stage_command(name: str, text: str) -> None:
         format_: Format = None,
         planner: Planners = None,
         json_: Json = False,
+        dry_run: DryRun = False,
     ) -> None:
         folder = _data(data)
         options = Options(folder, work, reports, workers, scheduler, verify, strict)
         settings = settings_file.with_planners(_settings(pipeline, folder, format_), planner or ())
-        _go(None if name == "run" else name, settings, options, as_json=json_)
+        _go(None if name == "run" else name, settings, options, as_json=json_, dry_run=dry_run)
 
     app.command(name=name, help=text)(command)
 
@@ -265,8 +178,14 @@ def _print_version(wanted: bool) -> None:
 _VERSION = typer.Option("--version", callback=_print_version, is_eager=True, help="Show the version and exit.")
 
 
+_TRACES = typer.Option(
+    _DEBUG, help="show tracebacks on the standard error; those of a run are always in work/run.log"
+)
+
+
 @app.callback()
-def _before_all(version_: Annotated[bool, _VERSION] = False) -> None:
+def _before_all(version_: Annotated[bool, _VERSION] = False, debug: Annotated[bool, _TRACES] = False) -> None:
+    show_tracebacks(debug)
     require_cache()
 
 
@@ -289,6 +208,7 @@ def report(
     format_: Format = None,
     planner: Planners = None,
     json_: Json = False,
+    dry_run: DryRun = False,
 ) -> None:
     """Make the pages and figures."""
     folder = _data(data)
@@ -301,10 +221,10 @@ def report(
     options = Options(
         folder, work, reports, workers, scheduler, verify, strict, tuple(event or ()), tuple(vector or ())
     )
-    _go("report", settings, options, browser=open_, as_json=json_)
+    _go("report", settings, options, browser=open_, as_json=json_, dry_run=dry_run)
 
 
-add_commands(app, console, errors)
+add_commands(app)
 
 
 @app.command()
@@ -320,7 +240,7 @@ def truth(
 
     folder = _data(data)
     options = Options(folder, work, reports, workers)
-    with _signals_as_errors():
+    with signals_as_errors():
         lines = engine.compare_with_truth(_settings(pipeline, folder), options, console=console)
     console.print(*lines, sep="\n", markup=False, highlight=False, soft_wrap=True)
     console.print(f"truth: {(reports / 'truth.html').resolve()}", soft_wrap=True)
@@ -351,18 +271,18 @@ def multiverse(
         _settings(pipeline, folder, format_), {k: v for k, v in asked.items() if v is not None}
     )
     outcome = Outcome()
-    with _signals_as_errors():
+    with signals_as_errors():
         options = Options(folder, work, reports, workers)
         where = errors if json_ else console
         table, text = engine.multiverse(settings, options, console=where, outcome=outcome)
     page = (reports / "multiverse.html").resolve()
     if json_:
-        print_json(console, {"range": text, "multiverse": records(table), "page": str(page)})
+        print_json({"range": text, "multiverse": records(table), "page": str(page)})
     else:
         console.print(multiverse_table(table))
         console.print(text, markup=False, highlight=False)
         console.print(f"multiverse: {page}", soft_wrap=True)
-    _end_with_problems(outcome)
+    end_with_problems(outcome)
 
 
 @app.command()
@@ -389,7 +309,7 @@ def synthesize(
     makers = {"own": synthetic.synthesize, "sumo": sumo.synthesize}
     if with_ not in makers:
         raise UsageError(f"--with {with_!r}: one of {', '.join(makers)} is needed")
-    with _signals_as_errors():
+    with signals_as_errors():
         recorder = _settings(pipeline, None).synthetic.recorder
         made = makers[with_](
             out, recordings=recordings, seconds=seconds, seed=seed, settings=recorder, workers=workers
@@ -401,7 +321,7 @@ def synthesize(
 def scenarios(
     out: Annotated[Path, typer.Option(help="folder of tables, figures and pages")] = DEFAULT_REPORTS / "scenarios",
     sweep: Annotated[bool, typer.Option("--sweep", help="also every combination of the options")] = False,
-    pipeline: Pipeline = "scenarios",
+    pipeline: Annotated[str, typer.Option(help="TOML file or shipped name")] = _SCENARIOS,
     work: Work = DEFAULT_WORK,
     workers: Workers = 2,
 ) -> None:
@@ -410,7 +330,7 @@ def scenarios(
     from highd_lc.stages import scenarios as scenario_stage
     from highd_lc.vocab.scenarios import ScenarioSettings
 
-    settings = settings_file.load_model(settings_file.find_pipeline(pipeline or "scenarios"), ScenarioSettings)
+    settings = settings_file.load_model(settings_file.find_pipeline(pipeline), ScenarioSettings)
     with console.status("scenarios and every combination of the options" if sweep else "scenarios"):
         made = scenario_stage.run(settings, out, sweep=sweep, work=work, threads=workers)
     console.print(claims_table(made.frames["claims"]))
@@ -420,17 +340,23 @@ def scenarios(
 
 
 def main() -> None:
-    """Entry point: every known error is one line on stderr and its exit code."""
+    """Entry point: every error is one line on stderr and its exit code."""
     open_closed_streams()
     try:
         app()
     except HighdLcError as error:
-        errors.print(f"highd-lc: {error}", markup=False)
-        sys.exit(error.exit_code)
+        _end(str(error), error.exit_code)
     except OSError as error:
         # The file system refused something that no layer below gives a name of its own to.
-        errors.print(f"highd-lc: {error}", markup=False)
-        sys.exit(StorageError.exit_code)
+        _end(str(error), StorageError.exit_code)
+    except Exception as error:
+        _end(f"{told('unexpected', error)}; {_DEBUG} shows where, a run's log too", HighdLcError.exit_code)
+
+
+def _end(text: str, code: int) -> None:
+    logging.getLogger("highd_lc").debug(traceback.format_exc())
+    errors.print(f"highd-lc: {text}", markup=False)
+    sys.exit(code)
 
 
 if __name__ == "__main__":

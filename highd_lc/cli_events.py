@@ -1,33 +1,26 @@
 """Commands about single lane changes: list, show and export them."""
 
-import json
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
-from rich.console import Console
 
+from highd_lc.cli_console import PLAIN, console, errors, print_json
 from highd_lc.vocab.errors import UsageError
 
 Work = Annotated[Path, typer.Option(help="folder of the artefacts")]
 Json = Annotated[bool, typer.Option("--json", help="print the results as JSON and nothing else")]
 DEFAULT_WORK = Path("work")
-_PLAIN: dict[str, Any] = {"markup": False, "highlight": False, "soft_wrap": True}
 
 
-def add_commands(app: typer.Typer, console: Console, errors: Console) -> None:
-    """Add the commands to the command line. console, errors: its standard output and error."""
-    _add_list(app, console)
-    _add_show(app, console)
-    _add_export(app, console, errors)
+def add_commands(app: typer.Typer) -> None:
+    """Add the commands to the command line."""
+    _add_list(app)
+    _add_show(app)
+    _add_export(app)
 
 
-def print_json(console: Console, values: Any) -> None:
-    """JSON alone on the standard output, whatever the terminal's width."""
-    console.print(json.dumps(values, indent=1), **_PLAIN)
-
-
-def _add_list(app: typer.Typer, console: Console) -> None:
+def _add_list(app: typer.Typer) -> None:
     @app.command("list")
     def list_(
         work: Work = DEFAULT_WORK,
@@ -49,13 +42,13 @@ def _add_list(app: typer.Typer, console: Console) -> None:
             work, direction=direction, vehicle_class=class_, recordings=tuple(recording or ()), reason=reason
         )
         if json_:
-            print_json(console, records(found))
+            print_json(records(found))
             return
         text = found.to_csv(index=False) if csv else found.to_string(index=False, na_rep="-")
-        console.print(text.rstrip("\n") if len(found) or csv else "none", **_PLAIN)
+        console.print(text.rstrip("\n") if len(found) or csv else "none", **PLAIN)
 
 
-def _add_show(app: typer.Typer, console: Console) -> None:
+def _add_show(app: typer.Typer) -> None:
     @app.command()
     def show(
         event_id: Annotated[str, typer.Argument(help="RR-VVVV-FFFFF: recording, ego, crossing frame")],
@@ -66,12 +59,12 @@ def _add_show(app: typer.Typer, console: Console) -> None:
         from highd_lc.io.event_description import describe_event, event_facts
 
         if json_:
-            print_json(console, event_facts(work, event_id))
+            print_json(event_facts(work, event_id))
             return
-        console.print(describe_event(work, event_id), **_PLAIN)
+        console.print(describe_event(work, event_id), **PLAIN)
 
 
-def _add_export(app: typer.Typer, console: Console, errors: Console) -> None:
+def _add_export(app: typer.Typer) -> None:
     @app.command("export")
     def export_(
         event_ids: Annotated[list[str], typer.Argument(help="RR-VVVV-FFFFF of one event or of several")],
@@ -92,4 +85,4 @@ def _add_export(app: typer.Typer, console: Console, errors: Console) -> None:
             errors.print("warning: what is exported is data: of HighD it may not be shared (its licence)")
         for event_id in event_ids:
             for path in export(work, event_id, to, policy=policy, out=out, raw=raw):
-                console.print(str(path), **_PLAIN)
+                console.print(str(path), **PLAIN)

@@ -40,23 +40,58 @@ def run(
     outcome = outcome or Outcome()
     if options.scheduler is not None:
         options = _absolute(options)
-    for stage in STAGES:
-        stage.refuse_senseless(options)
-    if choices_text(settings.validation):
-        variants_of(settings.validation)  # a bad choice is refused before anything is done
-    if settings.validation.planners:
-        from highd_lc.stages.other_planners import OtherPlanners  # seconds, and few runs have any
-
-        OtherPlanners.of(settings.validation.planners)
+    _refuse_at_once(settings, options)
     stages = _up_to({last} if last is not None else set(settings.stages))
     with ExitStack() as folders:
         folders.enter_context(workspace.owned(options.work))
         if "report" in (stage.name for stage in stages):
             folders.enter_context(workspace.owned(options.reports, **_OF_REPORTS))
         atomic.write_text(options.work / "settings.json", resolved(settings))
-        data = options.data or _synthesize(settings, options, console)
-        _run_stages(settings, options, data, stages=stages, console=console, outcome=outcome)
+        try:
+            data = options.data or _synthesize(settings, options, console)
+            _run_stages(settings, options, data, stages=stages, console=console, outcome=outcome)
+        except Exception as error:
+            workspace.log_error(options.work, error)
+            raise
     return outcome
+
+
+def preview(settings: Settings, options: Options, *, last: str | None) -> list[dict[str, Any]]:
+    """What ``run`` would do, without doing or writing anything: one row a stage.
+
+    Rows: stage, recordings (how many there are), to_do (how many have work to do), combines (whether tables are
+    made), None = known once the stages before are done. Raises what ``run`` raises before it runs a stage.
+    """
+    _refuse_at_once(settings, options)
+    stages = _up_to({last} if last is not None else set(settings.stages))
+    data = options.data or _embedded(settings, options)
+    if data is None:
+        count = settings.synthetic.recordings
+        names = ["synthesize", *(stage.name for stage in stages)]
+        return [{"stage": name, "recordings": count, "to_do": count, "combines": True} for name in names]
+    source = format_of(data, settings.ingest.format)
+    inputs = find_inputs(data, options.work, source=source, verify=options.verify, keep=False)
+    keys, rows = inputs.keys, list[dict[str, Any]]()
+    for stage in stages:
+        to_do, combines = None, None
+        # Which pages are wanted is looked up in the tables of the stages before.
+        if not stage.reads_tables or not any(row["combines"] for row in rows):
+            pending, combines, keys = StageRun(stage, settings, options, inputs, keys).forecast()
+            to_do = len(pending)
+        rows.append({"stage": stage.name, "recordings": len(keys), "to_do": to_do, "combines": combines})
+    return rows
+
+
+def _refuse_at_once(settings: Settings, options: Options) -> None:
+    """Refuse options and settings that cannot be meant, before anything is done."""
+    for stage in STAGES:
+        stage.refuse_senseless(options)
+    if choices_text(settings.validation):
+        variants_of(settings.validation)
+    if settings.validation.planners:
+        from highd_lc.stages.other_planners import OtherPlanners  # seconds, and few runs have any
+
+        OtherPlanners.of(settings.validation.planners)
 
 
 def compare_with_truth(settings: Settings, options: Options, *, console: Console) -> list[str]:
@@ -68,12 +103,13 @@ def compare_with_truth(settings: Settings, options: Options, *, console: Console
 
     if options.data is not None:
         truth.true_drivers(options.data, format_of(options.data, settings.ingest.format).discover(options.data))
-    run(settings, options, last="calibrate", console=console)
-    data = options.data or options.work / "synthetic"
-    with workspace.owned(options.work):
-        inputs = {path.name: atomic.content_hash(path) for path in sorted(data.rglob("*_truth_drivers.csv"))}
-        about = Provenance(digest(settings), inputs, settings.seed, workspace.code_version())
-        table = truth.run(data, options.work, options.reports, settings, about)
+    with workspace.owned(options.reports, **_OF_REPORTS):  # which is refused now, not after the run
+        run(settings, options, last="calibrate", console=console)
+        data = options.data or options.work / "synthetic"
+        with workspace.owned(options.work):
+            inputs = {path.name: atomic.content_hash(path) for path in sorted(data.rglob("*_truth_drivers.csv"))}
+            about = Provenance(digest(settings), inputs, settings.seed, workspace.code_version())
+            table = truth.run(data, options.work, options.reports, settings, about)
     return list(truth.said(table))
 
 
@@ -85,10 +121,11 @@ def multiverse(
     from highd_lc.reporting.pages_multiverse import by_gain, range_words
     from highd_lc.stages.overview_pages import write_multiverse
 
-    run(settings, options, last="validate", console=console, outcome=outcome)
-    with workspace.owned(options.work):
-        write_multiverse(options.work, options.reports, settings.validation)
-        table = artefacts.read(options.work, "multiverse")
+    with workspace.owned(options.reports, **_OF_REPORTS):
+        run(settings, options, last="validate", console=console, outcome=outcome)
+        with workspace.owned(options.work):
+            write_multiverse(options.work, options.reports, settings.validation)
+            table = artefacts.read(options.work, "multiverse")
     return by_gain(table), range_words(table)
 
 
@@ -135,26 +172,36 @@ def _run_stages(
                     asked.refuse_unknown(options)
 
 
+def _embedded(settings: Settings, options: Options) -> Path | None:
+    """The folder of the embedded recordings; None if they have to be synthesized."""
+    made = Records(options.work).finished("synthesize", _embedded_key(settings))
+    return None if made is None else options.work / "synthetic"
+
+
+def _embedded_key(settings: Settings) -> str:
+    return digest(settings.synthetic, workspace.code_version())
+
+
 def _synthesize(settings: Settings, options: Options, console: Console) -> Path:
     """The embedded recordings, made once for their settings."""
+    if (found := _embedded(settings, options)) is not None:
+        return found
     wanted, folder, records = settings.synthetic, options.work / "synthetic", Records(options.work)
-    key = digest(wanted, workspace.code_version())
-    if records.finished("synthesize", key) is None:
-        console.print(f"no data given: synthesizing {wanted.recordings} recordings in {folder}")
-        records.forget("synthesize")
-        for old in folder.glob("*.csv"):
-            old.unlink()
-        from highd_lc.io import synthetic  # the traffic simulation: nobody with recordings needs it
+    console.print(f"no data given: synthesizing {wanted.recordings} recordings in {folder}")
+    records.forget("synthesize")
+    for old in folder.glob("*.csv"):
+        old.unlink()
+    from highd_lc.io import synthetic  # the traffic simulation: nobody with recordings needs it
 
-        synthetic.synthesize(
-            folder,
-            recordings=wanted.recordings,
-            seconds=wanted.seconds,
-            seed=wanted.seed,
-            settings=wanted.recorder,
-        )
-        report = JobReport({"recordings": wanted.recordings})
-        records.remember("synthesize", key, report=report, files=())
+    synthetic.synthesize(
+        folder,
+        recordings=wanted.recordings,
+        seconds=wanted.seconds,
+        seed=wanted.seed,
+        settings=wanted.recorder,
+    )
+    report = JobReport({"recordings": wanted.recordings})
+    records.remember("synthesize", _embedded_key(settings), report=report, files=())
     return folder
 
 

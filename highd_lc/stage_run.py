@@ -1,9 +1,7 @@
 """The stages, and one of them over a run's recordings: what is up to date, what is to be done, what failed."""
 
 import hashlib
-import logging
 import os
-import traceback
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
@@ -15,7 +13,6 @@ from typing import Final
 
 from pydantic import BaseModel
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
 from highd_lc.execution import Execution
 from highd_lc.io import artefacts, atomic, workspace
@@ -23,6 +20,7 @@ from highd_lc.io.atomic import Written
 from highd_lc.io.choices import choices_text
 from highd_lc.io.settings import digest
 from highd_lc.io.workspace import Inputs, Records
+from highd_lc.progress import Shown, shown
 from highd_lc.vocab.errors import ClusterError, HighdLcError, InputError, StorageError, WorkerLostError, told
 from highd_lc.vocab.follower_names import parse, source_of
 from highd_lc.vocab.job import (
@@ -50,6 +48,7 @@ class Stage:
     tables: artefacts that are the recordings' parts joined, if that is all of the combination.
     reads_data: it reads the files of the data folder, which may change meanwhile.
     finds_events: from here on it is known which events there are.
+    reads_tables: what it does is looked up in the tables of the stages before.
     files: settings that name a file which is read; empty = none.
     functions: settings that name functions of others, whose source counts as well.
     pools: a recording's results depend on all recordings (class pools), not only on its own.
@@ -60,6 +59,7 @@ class Stage:
     tables: tuple[str, ...] = ()
     reads_data: bool = False
     finds_events: bool = False
+    reads_tables: bool = False
     pools: bool = False
     files: tuple[str, ...] = ()
     functions: tuple[str, ...] = ()
@@ -183,14 +183,12 @@ STAGES: Final = (
         "calibrate", ("calibrate", *_FITTED_WITH, "seed"), pools=True, files=("validation.followers.population",)
     ),
     Stage("validate", ("validation", "seed"), functions=("validation.planners",)),
-    _Pages("report", ("report",)),
+    _Pages("report", ("report",), reads_tables=True),
 )
 """Each needs all before it."""
 
 _FATAL = (StorageError, ClusterError)
 """Errors that are not of one recording: the others would meet them too."""
-
-log = logging.getLogger("highd_lc")
 
 Done = tuple[JobReport, list[Written]]
 
@@ -208,18 +206,39 @@ class StageRun:
     def bring_up_to_date(self, execution: Execution, outcome: Outcome, console: Console) -> dict[int, str]:
         """Do what has to be done; the keys of the results by recording, without those that failed."""
         reports = self._finished()
-        pending = [recording for recording in self.inputs.files if recording in self.keys.keys() - reports.keys()]
-        reports |= self._work(pending, execution, outcome, console)
-        self._drop_failed(reports)
-        finished = {r: self._key(r) for r in self.keys if r in reports}
-        outcome.problems += [problem for r in finished for problem in reports[r].problems]
-        self._require(finished, outcome)
-        together = digest(*finished.values(), self.name, *self.stage.neighbours(self.options))
-        combined = None if pending else self._records.finished(self.name, together)
-        if combined is None:
-            combined = self._combine_anew(tuple(sorted(finished)), together, execution)
+        pending = self._pending(reports)
+        with shown(console, self.name, total=len(self.keys), pending=len(pending)) as progress:
+            reports |= self._work(pending, execution, outcome, progress)
+            self._drop_failed(reports)
+            finished = {r: self._key(r) for r in self.keys if r in reports}
+            outcome.problems += [problem for r in finished for problem in reports[r].problems]
+            self._require(finished, outcome)
+            together = self._together(finished)
+            combined = None if pending else self._records.finished(self.name, together)
+            if combined is None:
+                progress.combine()
+                combined = self._combine_anew(tuple(sorted(finished)), together, execution)
         # What the artefacts hold is what the recordings' parts hold: counted once.
         outcome.counts[self.name] = _totals(reports.values()) | combined.counts
+        return self._handed_on(finished, together)
+
+    def forecast(self) -> tuple[list[int], bool, dict[int, str]]:
+        """Recordings with work to do, whether tables have to be made, and the keys handed on; nothing is done."""
+        pending = self._pending(self._finished())
+        keys = {recording: self._key(recording) for recording in self.keys}
+        together = self._together(keys)
+        combines = bool(pending) or self._records.finished(self.name, together) is None
+        return pending, combines, self._handed_on(keys, together)
+
+    def _pending(self, reports: dict[int, JobReport]) -> list[int]:
+        """Recordings with work to do, the largest first."""
+        return [recording for recording in self.inputs.files if recording in self.keys.keys() - reports.keys()]
+
+    def _together(self, finished: dict[int, str]) -> str:
+        """What the combination depends on."""
+        return digest(*finished.values(), self.name, *self.stage.neighbours(self.options))
+
+    def _handed_on(self, finished: dict[int, str], together: str) -> dict[int, str]:
         return {r: digest(key, together) if self.stage.pools else key for r, key in finished.items()}
 
     @property
@@ -241,26 +260,21 @@ class StageRun:
         return self._request is not None and self._request.leaves_alone(recording)
 
     def _work(
-        self, pending: list[int], execution: Execution, outcome: Outcome, console: Console
+        self, pending: list[int], execution: Execution, outcome: Outcome, progress: Shown
     ) -> dict[int, JobReport]:
         """Run the pending recordings; those that fail are listed, the others go on."""
         reports: dict[int, JobReport] = {}
         failed: list[Problem] = []
-        with _progress(console) as progress:
-            done = len(self.keys) - len(pending)
-            bar = progress.add_task(self.name, total=len(self.keys), completed=done)
-            for recording, result in execution.results({r: self._call(r) for r in pending}):
-                try:
-                    reports[recording] = self._remember(recording, *result())
-                except _FATAL:
-                    raise
-                except HighdLcError as error:
-                    failed.append(Problem(recording, self.name, str(error), lost=True))
-                except Exception as error:
-                    log.debug(traceback.format_exc())
-                    text = told(f"recording {recording:02d}", error)
-                    failed.append(Problem(recording, self.name, text, lost=True))
-                progress.advance(bar)
+        for recording, result in execution.results({r: self._call(r) for r in pending}):
+            try:
+                reports[recording] = self._remember(recording, *result())
+            except _FATAL:
+                raise
+            except Exception as error:
+                workspace.log_error(self.options.work, error, stage=self.name, recording=recording)
+                text = str(error) if isinstance(error, HighdLcError) else told(f"recording {recording:02d}", error)
+                failed.append(Problem(recording, self.name, text, lost=True))
+            progress.advance()
         outcome.problems += sorted(failed, key=lambda problem: problem.recording)
         return dict(sorted(reports.items()))
 
@@ -346,14 +360,3 @@ def _totals(reports: Iterable[JobReport]) -> dict[str, int]:
         for name, count in report_.counts.items():
             totals[name] = totals.get(name, 0) + count
     return totals
-
-
-def _progress(console: Console) -> Progress:
-    return Progress(
-        TextColumn("{task.description:<10}"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TextColumn("recordings"),
-        TimeElapsedColumn(),
-        console=console,
-    )

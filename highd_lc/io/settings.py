@@ -22,6 +22,11 @@ def pipelines_folder() -> Path:
     return inside if inside.is_dir() else package.parent / "pipelines"
 
 
+def shipped_pipelines() -> list[Path]:
+    """The shipped pipelines by name."""
+    return sorted(pipelines_folder().glob("*.toml"))
+
+
 def find_pipeline(name: str) -> Path:
     """A pipeline by its path, or by its name among the shipped ones. Raises SettingsError if there is none."""
     given = Path(name)
@@ -30,7 +35,7 @@ def find_pipeline(name: str) -> Path:
     shipped = pipelines_folder() / f"{name.removesuffix('.toml')}.toml"
     if given.parent == Path() and shipped.is_file():
         return shipped
-    known = ", ".join(sorted(p.stem for p in pipelines_folder().glob("*.toml")))
+    known = ", ".join(path.stem for path in shipped_pipelines())
     raise SettingsError(f"{name}: no such pipeline; give a TOML file or one of: {known}")
 
 

@@ -12,10 +12,12 @@ The recordings that a run starts from: their files, a hash of each, and whether 
 import fcntl
 import hashlib
 import json
+import logging
 import os
 import shutil
+import traceback
 from collections.abc import Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass
 from functools import cache
 from importlib.metadata import version
@@ -26,9 +28,11 @@ from highd_lc.io import atomic
 from highd_lc.io.atomic import Written
 from highd_lc.io.formats import Format
 from highd_lc.io.settings import digest
-from highd_lc.vocab.errors import InputError, StorageError, UsageError
+from highd_lc.vocab.errors import HighdLcError, InputError, StorageError, UsageError
 from highd_lc.vocab.job import JobReport, Problem
 from highd_lc.vocab.tables import PARTITIONED
+
+log = logging.getLogger("highd_lc")
 
 
 @cache
@@ -120,6 +124,17 @@ def append_log(work: Path, entry: dict[str, Any]) -> None:
             sink.write(json.dumps(entry, sort_keys=True) + "\n")
     except OSError as error:
         raise StorageError(f"{path}: cannot be written: {error.strerror}") from error
+
+
+def log_error(work: Path, error: BaseException, **about: Any) -> None:
+    """Add an error with its traceback to the run's log, and show it where somebody asked for tracebacks.
+
+    about: what it belongs to, as further entries of the line. A log that cannot be written is no other error.
+    """
+    trace = "".join(traceback.format_exception(error)).rstrip()
+    log.debug(trace)
+    with suppress(HighdLcError):
+        append_log(work, {**about, "error": f"{type(error).__name__}: {error}", "traceback": trace})
 
 
 @dataclass(frozen=True)
@@ -232,10 +247,11 @@ class Inputs:
             self.hashes.refuse_changed(path)
 
 
-def find_inputs(data: Path, work: Path, *, source: Format, verify: bool) -> Inputs:
+def find_inputs(data: Path, work: Path, *, source: Format, verify: bool, keep: bool = True) -> Inputs:
     """Find the recordings of a folder in a format and hash their files; verify: even those that look unchanged.
 
-    Raises InputError if the folder is missing or holds no recording, StorageError if the hashes cannot be kept.
+    keep: remember the hashes in the work folder. Raises InputError if the folder is missing or holds no recording,
+    StorageError if the hashes cannot be kept.
     """
     hashes = InputHashes.open(work, verify=verify)
     files: dict[int, tuple[Path, ...]] = {}
@@ -247,6 +263,7 @@ def find_inputs(data: Path, work: Path, *, source: Format, verify: bool) -> Inpu
             keys[recording] = digest(*map(hashes.of, files[recording]))
         except InputError as error:
             problems.append(Problem(recording, "ingest", str(error), lost=True))
-    hashes.save()
+    if keep:
+        hashes.save()
     largest_first = sorted(keys, key=lambda r: (-sum(hashes.size_of(path) for path in files[r]), r))
     return Inputs(data, {r: files[r] for r in largest_first}, keys, tuple(problems), hashes)

@@ -1,0 +1,66 @@
+"""Progress where nobody sees a bar: a line at a stage's start, regularly, and at its end."""
+
+import io
+import time
+
+import pytest
+from rich.console import Console
+
+from highd_lc import progress
+
+
+def told(total: int, pending: int, work) -> list[str]:
+    sink = io.StringIO()
+    with progress.shown(Console(file=sink, width=200), "extract", total=total, pending=pending) as shown:
+        work(shown)
+    return sink.getvalue().splitlines()
+
+
+def test_a_line_at_the_start_and_one_at_the_end():
+    def work(shown):
+        shown.advance()
+        shown.advance()
+        shown.combine()
+
+    first, last = told(3, 2, work)
+    assert first == "extract: 2 recordings to do, 1 up to date"
+    assert last.startswith("extract: 2 of 2 recordings, ")
+
+
+def test_what_is_up_to_date_is_one_line():
+    assert told(3, 0, lambda shown: None) == ["extract: recordings up to date"]
+    assert len(told(3, 0, lambda shown: shown.combine())) == 2
+
+
+def test_a_long_stage_is_told_of_while_it_lasts(monkeypatch):
+    monkeypatch.setattr(progress, "EVERY_S", 0.01)
+
+    def work(shown):
+        shown.advance()
+        time.sleep(0.2)
+        shown.combine()
+        time.sleep(0.2)
+
+    lines = told(2, 2, work)
+    assert any(line.startswith("extract: 1 of 2 recordings, ") and line.endswith("s so far") for line in lines)
+    assert any("putting the tables together" in line for line in lines)
+
+
+def test_an_error_ends_the_lines():
+    sink = io.StringIO()
+    with (
+        pytest.raises(ZeroDivisionError),
+        progress.shown(Console(file=sink), "extract", total=1, pending=1),
+    ):
+        raise ZeroDivisionError
+    assert sink.getvalue() == "extract: 1 recordings to do\n"
+
+
+def test_a_terminal_shows_a_bar():
+    sink = io.StringIO()
+    console = Console(file=sink, force_terminal=True, color_system=None, width=100)
+    with progress.shown(console, "extract", total=2, pending=1) as shown:
+        shown.advance()
+        shown.combine()
+    assert "2/2 recordings" in sink.getvalue()
+    assert "to do" not in sink.getvalue()
