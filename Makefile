@@ -15,7 +15,8 @@ VALUES := DATA WORK REPORTS PIPELINE OUT VENV PYTHON WORKERS SWEEP ARGS
 $(foreach name,$(VALUES),$(eval override $(name) := $$(call home,$$(value $(name)))))
 export $(VALUES) PYTHON_GIVEN
 
-BIN := "$$VENV"/bin
+# On Windows a virtual environment keeps its programs elsewhere.
+BIN := "$$VENV"/$(if $(filter Windows_NT,$(OS)),Scripts,bin)
 HIGHD_LC := $(BIN)/highd-lc
 PLACES := $${WORK:+--work "$$WORK"} $${REPORTS:+--reports "$$REPORTS"}
 OPTIONS := $${DATA:+--data "$$DATA"} $(PLACES) $${PIPELINE:+--pipeline "$$PIPELINE"} --workers "$$WORKERS"
@@ -23,14 +24,14 @@ OPTIONS := $${DATA:+--data "$$DATA"} $(PLACES) $${PIPELINE:+--pipeline "$$PIPELI
 PASS_4 = || { code=$$?; [ $$code -eq 4 ] && echo "done; what was skipped is listed above (exit code 4)" || exit $$code; }
 
 .PHONY: setup setup-dev help demo ingest extract calibrate validate report scenarios synthesize
-.PHONY: test test-faults check bench bench-full clean
+.PHONY: test test-all test-faults check docs wheel bench bench-full clean
 
 ## setup        virtual environment (.venv, or VENV=...) and package; PYTHON=... chooses the Python
 setup:
 	@sh tools/set_up.sh ""
 
 setup-dev:
-	@sh tools/set_up.sh "[dev,cluster,export,sumo]"
+	@sh tools/set_up.sh "[dev,docs,cluster,export,sumo]"
 
 ## help         this list
 help:
@@ -69,6 +70,10 @@ test: setup-dev
 	  --work "$$warm/work" --reports "$$warm/reports" >"$$warm/log" 2>&1 || cat "$$warm/log"; rm -rf "$$warm"; }
 	@$(BIN)/python -m pytest --numprocesses "$$WORKERS" --dist loadfile
 
+## test-all     the tests on Python 3.11, 3.12 and 3.13, those that are there; ARGS="..." goes to pytest
+test-all: setup-dev
+	@$(BIN)/python -m nox --sessions tests -- $$ARGS
+
 ## test-faults  the long form of the fault tests: 50 kills, 4 workers, more bad input
 test-faults: setup-dev
 	@HIGHD_LC_FAULTS=1 $(BIN)/python -m pytest tests/faults
@@ -80,6 +85,15 @@ check: setup-dev
 	@$(BIN)/mypy
 	@$(BIN)/lint-imports
 	@$(BIN)/python docs/check_references.py
+
+## docs         the documentation as a site in site/
+docs: setup-dev
+	@NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --quiet
+	@echo "site/index.html"
+
+## wheel        the wheel in dist/, tried outside of the checkout
+wheel: setup-dev
+	@$(BIN)/python tools/try_wheel.py build/wheel
 
 ## bench        side-by-side ratios
 bench: setup-dev
@@ -93,4 +107,4 @@ bench-full: setup-dev
 
 ## clean        remove work, build and dist
 clean:
-	@rm -rf work build dist
+	@rm -rf work build dist site

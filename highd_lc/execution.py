@@ -23,6 +23,8 @@ from typing import TYPE_CHECKING, Any, Protocol, Self, TypeVar
 from highd_lc.vocab.errors import ClusterError, MissingExtraError, StorageError, WorkerLostError
 
 if TYPE_CHECKING:
+    from multiprocessing.context import BaseContext
+
     from distributed import Client
 
 T = TypeVar("T")
@@ -71,10 +73,7 @@ class LocalProcesses:
 
     def __init__(self, workers: int, *, preload: Sequence[str]) -> None:
         self._workers = workers
-        _make_room_for_sockets()
-        # Forking a process that runs threads (pyarrow's) may deadlock: a clean server forks instead.
-        self._context = multiprocessing.get_context("forkserver")
-        self._context.set_forkserver_preload(list(preload))
+        self._context = _clean_context(preload)
         self._pool = self._new_pool()
 
     def __enter__(self) -> Self:
@@ -126,6 +125,20 @@ class LocalProcesses:
             return future.result
         text = f"recording {number:02d}: its process was killed, and again when it ran alone (out of memory?)"
         return _raising(WorkerLostError(text))
+
+
+def _clean_context(preload: Sequence[str]) -> "BaseContext":
+    """How processes are started. preload: modules that all of them need.
+
+    Forking a process that runs threads (pyarrow's) may deadlock: a clean server forks instead. Windows has none,
+    so that each process starts from nothing there.
+    """
+    if "forkserver" not in multiprocessing.get_all_start_methods():
+        return multiprocessing.get_context("spawn")
+    _make_room_for_sockets()
+    context = multiprocessing.get_context("forkserver")
+    context.set_forkserver_preload(list(preload))
+    return context
 
 
 def _make_room_for_sockets() -> None:

@@ -65,7 +65,7 @@ class _Lines:
     def begin(self, total: int) -> None:
         finished = total - self._pending
         kept = f", {finished} up to date" if self._pending and finished else ""
-        self._say(f"{self._pending} recordings to do{kept}" if self._pending else "recordings up to date")
+        self._say(f"{_recordings(self._pending)} to do{kept}" if self._pending else "up to date")
         self._clock.start()
 
     def advance(self) -> None:
@@ -88,13 +88,17 @@ class _Lines:
             self._say(f"{self._where()}{doing}, {self._seconds():.0f} s so far")
 
     def _where(self) -> str:
-        return f"{self._done} of {self._pending} recordings" if self._pending else "tables"
+        return f"{self._done} of {_recordings(self._pending)}" if self._pending else "tables"
 
     def _seconds(self) -> float:
         return time.monotonic() - self._started
 
     def _say(self, text: str) -> None:
         self._console.print(f"{self._stage}: {text}", markup=False, highlight=False, soft_wrap=True)
+
+
+def _recordings(count: int) -> str:
+    return f"{count} recording{'s' * (count != 1)}"
 
 
 def _bar(console: Console) -> Progress:

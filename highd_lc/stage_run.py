@@ -1,7 +1,6 @@
 """The stages, and one of them over a run's recordings: what is up to date, what is to be done, what failed."""
 
 import hashlib
-import os
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
@@ -139,7 +138,7 @@ class _Pages(Stage):
     def depends_on(self, settings: Settings, options: Options, request: ReportRequest | None) -> list[Dependency]:
         wanted = None if request is None else request.pictures
         pictures = "all" if wanted is None else digest(*sorted(wanted))
-        place = os.path.relpath(options.reports.resolve(), options.work.resolve())
+        place = workspace.relative(options.reports, options.work)
         sections = super().depends_on(settings, options, request)
         return [*sections, place, pictures, *options.events, *options.vector]
 

@@ -28,7 +28,7 @@ def test_a_line_at_the_start_and_one_at_the_end():
 
 
 def test_what_is_up_to_date_is_one_line():
-    assert told(3, 0, lambda shown: None) == ["extract: recordings up to date"]
+    assert told(3, 0, lambda shown: None) == ["extract: up to date"]
     assert len(told(3, 0, lambda shown: shown.combine())) == 2
 
 
@@ -53,7 +53,7 @@ def test_an_error_ends_the_lines():
         progress.shown(Console(file=sink), "extract", total=1, pending=1),
     ):
         raise ZeroDivisionError
-    assert sink.getvalue() == "extract: 1 recordings to do\n"
+    assert sink.getvalue() == "extract: 1 recording to do\n"
 
 
 def test_a_terminal_shows_a_bar():

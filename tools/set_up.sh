@@ -7,6 +7,7 @@ set -eu
 
 NEEDED=$(sed -n 's/^requires-python = ">=\(.*\)"$/\1/p' pyproject.toml)
 case $VENV in /*) ;; *) VENV=./$VENV ;; esac # a name that begins with - is no option
+case ${OS:-} in Windows_NT) BIN=$VENV/Scripts ;; *) BIN=$VENV/bin ;; esac
 
 fail() {
   printf 'setup: %s\n' "$*" >&2
@@ -47,10 +48,10 @@ is_made_by_make() {
 place() { (cd "$VENV" && pwd -P); }
 
 is_fresh() {
-  [ -e "$STAMP" ] && [ -x "$VENV/bin/highd-lc" ] && ! [ pyproject.toml -nt "$STAMP" ] && ! [ constraints.txt -nt "$STAMP" ]
+  [ -e "$STAMP" ] && [ -x "$BIN/highd-lc" ] && ! [ pyproject.toml -nt "$STAMP" ] && ! [ constraints.txt -nt "$STAMP" ]
 }
 
-has_pip() { "$VENV/bin/python" -m pip --version >/dev/null 2>&1; }
+has_pip() { "$BIN/python" -m pip --version >/dev/null 2>&1; }
 
 # Why the environment cannot serve, in words; nothing if it can.
 fault_of_venv() {
@@ -58,7 +59,7 @@ fault_of_venv() {
     echo "it is not a virtual environment"
     return
   fi
-  found=$(version_of "$VENV/bin/python")
+  found=$(version_of "$BIN/python")
   made=$(sed -n 's/^version\(_info\)\{0,1\} *= *\([0-9][0-9.]*\).*/\2/p' "$VENV/pyvenv.cfg" | head -n 1)
   if [ -z "$found" ]; then
     echo "its python does not run"
@@ -70,7 +71,7 @@ fault_of_venv() {
     echo "it is of Python $found, asked for is $wanted"
   elif [ -s "$VENV/.set-up" ] && [ "$(cat "$VENV/.set-up")" != "$(place)" ]; then
     echo "it was made elsewhere"
-  elif ! is_fresh && ! has_pip && ! { "$VENV/bin/python" -m ensurepip >/dev/null 2>&1 && has_pip; }; then
+  elif ! is_fresh && ! has_pip && ! { "$BIN/python" -m ensurepip >/dev/null 2>&1 && has_pip; }; then
     echo "it has no pip"
   fi
 }
@@ -101,7 +102,7 @@ prepare_venv() {
 }
 
 install_package() {
-  "$VENV/bin/python" -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable ".$1"
+  "$BIN/python" -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable ".$1"
   place >"$VENV/.set-up"
   [ -z "$1" ] || cp "$VENV/.set-up" "$STAMP"
 }

@@ -37,7 +37,7 @@ class Recording:
     """A recording in road coordinates, checked and cut into unbroken tracks as ``highd-lc ingest`` does it.
 
     Its tables lie in a private temporary folder that is removed with the object. Columns are those of the
-    artefacts of the same name (README, "What comes out").
+    artefacts of the same name (docs/outputs.md).
 
     Attributes:
         number: number of the recording.

@@ -4,8 +4,7 @@ Layout below the work folder: ``<table>.parquet`` for finished artefacts, ``<tab
 that are too large to combine (tracks, trajectories), and ``parts/<stage>/<NN>/<table>.parquet`` for what a stage
 made of one recording. A finished artefact holds one row group a recording, so that a recording is read alone.
 
-Values are checked against the columns of ``vocab.tables``: first by arrow, which is fast and says only whether all
-are allowed; then, where some are not, by pandera, which says which.
+Values are checked against the columns of ``vocab.tables`` by arrow, which takes microseconds a column.
 """
 
 import json
@@ -14,7 +13,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import pandas as pd
 import pyarrow as pa
@@ -27,61 +26,35 @@ from highd_lc.vocab.job import Job, Provenance
 from highd_lc.vocab.tables import SCHEMA_VERSION, TABLES
 from highd_lc.vocab.tables.columns import Column, Table
 
-if TYPE_CHECKING:
-    from pandera.errors import SchemaError
-    from pandera.pandas import Check, DataFrameSchema
-
-
-@cache
-def schema(name: str, chosen: tuple[str, ...]) -> "DataFrameSchema":
-    """The pandera schema of some columns of a table: their ranges and allowed words."""
-    import pandera.pandas as pandera  # what every process would wait for is hardly ever needed
-
-    columns = {
-        c.name: pandera.Column(checks=_checks(c), nullable=c.nullable)
-        for c in limited(TABLES[name])
-        if c.name in chosen
-    }
-    return pandera.DataFrameSchema(columns, name=name)
-
-
-def _checks(column: Column) -> "list[Check]":
-    from pandera.pandas import Check
-
-    checks = []
-    if column.minimum is not None:
-        checks.append(Check.ge(column.minimum))
-    if column.maximum is not None:
-        checks.append(Check.le(column.maximum))
-    if column.allowed:
-        checks.append(Check.isin(list(column.allowed)))
-    return checks
-
-
-def validate(table: Table, data: pa.Table) -> None:
-    """Check every value. Raises ArtefactError naming table, column and the first value that is not allowed."""
-    from pandera.errors import SchemaError
-
-    frame: pd.DataFrame = data.to_pandas()
-    try:
-        schema(table.name, tuple(frame.columns)).validate(frame)
-    except SchemaError as error:
-        raise ArtefactError(f"{table.name}: {_in_one_line(error)}") from error
-
-
-def _in_one_line(error: "SchemaError") -> str:
-    return " ".join(str(error).split())[:300]
-
 
 def check_values(table: Table, data: pa.Table) -> None:
     """Check ranges and allowed words of the columns present.
 
-    Arrow finds out in microseconds whether a column holds anything that is not allowed, pandera says what.
     Raises ArtefactError naming table, column and the first value that is not allowed.
     """
-    doubtful = [c.name for c in limited(table) if c.name in data.column_names and not _is_within(c, data[c.name])]
-    if doubtful and data.num_rows:
-        validate(table, data.select(doubtful))
+    for column in limited(table):
+        if data.num_rows and column.name in data.column_names and not _is_within(column, data[column.name]):
+            value = next((v for v in data[column.name].to_pylist() if not _is_allowed(column, v)), None)
+            if value is not None or not column.nullable:
+                raise ArtefactError(f"{table.name}: {column.name} = {value!r}: {_limits_of(column)}")
+
+
+def _is_allowed(column: Column, value: Any) -> bool:
+    if value is None or value != value:
+        return column.nullable
+    if column.allowed:
+        return value in column.allowed
+    low, high = column.minimum, column.maximum
+    return (low is None or value >= low) and (high is None or value <= high)
+
+
+def _limits_of(column: Column) -> str:
+    """What a column may hold, in words."""
+    if column.allowed:
+        return f"one of {', '.join(map(repr, column.allowed))} is needed"
+    ends = ((column.minimum, "at least"), (column.maximum, "at most"))
+    needed = " and ".join(f"{word} {end:g}" for end, word in ends if end is not None)
+    return f"{needed} is needed"
 
 
 def limited(table: Table) -> list[Column]:
@@ -93,6 +66,8 @@ def _is_within(column: Column, values: pa.ChunkedArray) -> bool:
     """Whether all values are certainly allowed; nulls are checked elsewhere, NaN may stand where a null may."""
     if values.null_count == len(values):
         return column.nullable
+    if column.nullable:
+        values = values.drop_null()
     if column.allowed and not pc.all(pc.is_in(values, value_set=pa.array(column.allowed))).as_py():
         return False
     if column.minimum is None and column.maximum is None:

@@ -107,7 +107,9 @@ def _enter(path: Path, sink: BinaryIO) -> None:
 
 
 def _sync_folder(folder: Path) -> None:
-    """Flush a folder's entries: without it a rename may not outlive a power failure."""
+    """Flush a folder's entries: without it a rename may not outlive a power failure. Windows opens no folders."""
+    if os.name != "posix":
+        return
     handle = os.open(folder, os.O_RDONLY)
     try:
         os.fsync(handle)

@@ -148,7 +148,7 @@ def _simulate(
     """SUMO's floating car data of the filmed edge: frame, id, x, y, speed, acceleration, type; frame by frame."""
     _write_road(folder, markings, settings.section_m)
     _write_traffic(folder, len(markings) - 1, settings)
-    (folder / "filmed.txt").write_text("edge:view\n")
+    (folder / "filmed.txt").write_text("edge:view\n", encoding="utf-8")
     _run(binaries / "netconvert", folder, "-n", "road.nod.xml", "-e", "road.edg.xml", "-o", "road.net.xml",
          "--no-turnarounds", "--no-internal-links")  # fmt: skip
     period = 1.0 / settings.frame_rate
@@ -182,8 +182,8 @@ def _write_road(folder: Path, markings: FloatArray, section: float) -> None:
         f'<edge id="{name}" from="n{k}" to="n{k + 1}" {about}>{lanes}</edge>'
         for k, name in enumerate(("before", "view", "after"))
     )
-    (folder / "road.nod.xml").write_text(f"<nodes>{nodes}</nodes>")
-    (folder / "road.edg.xml").write_text(f"<edges>{edges}</edges>")
+    (folder / "road.nod.xml").write_text(f"<nodes>{nodes}</nodes>", encoding="utf-8")
+    (folder / "road.edg.xml").write_text(f"<edges>{edges}</edges>", encoding="utf-8")
 
 
 def _write_traffic(folder: Path, lanes: int, settings: RecorderSettings) -> None:
@@ -199,7 +199,8 @@ def _write_traffic(folder: Path, lanes: int, settings: RecorderSettings) -> None
     (folder / "traffic.rou.xml").write_text(
         f'<routes><vTypeDistribution id="all">{kinds}</vTypeDistribution><route id="r" edges="before view after"/>'
         f'<flow id="f" type="all" route="r" begin="0" end="100000" period="exp({rate:.6f})" departLane="random" '
-        f'departSpeed="desired" departPos="base"/></routes>'
+        f'departSpeed="desired" departPos="base"/></routes>',
+        encoding="utf-8",
     )
 
 

@@ -9,7 +9,6 @@ moment at which the process may be killed.
 The recordings that a run starts from: their files, a hash of each, and whether they are what they were.
 """
 
-import fcntl
 import hashlib
 import json
 import logging
@@ -80,13 +79,15 @@ def owned(
 
 
 def _lock(handle: TextIO, folder: Path, role: str) -> None:
+    from filelock import lock_descriptor  # not needed to read a work folder
+
     try:
-        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError as error:
-        raise UsageError(f"{folder}: another run is using this {role} folder") from error
+        locked = lock_descriptor(handle.fileno(), blocking=False)
     except OSError as error:
         needed = f"the {role} folder needs a file system with flock: a local disk, or a mount with locks"
         raise StorageError(f"{folder}: cannot be locked: {error.strerror}; {needed}") from error
+    if not locked:
+        raise UsageError(f"{folder}: another run is using this {role} folder")
 
 
 def drop_other_recordings(work: Path, recordings: Iterable[int]) -> None:
@@ -186,6 +187,14 @@ def _stamp(path: Path) -> list[int]:
     return [stat.st_size, stat.st_mtime_ns]
 
 
+def relative(path: Path, base: Path) -> str:
+    """Where a path is from a folder's point of view; as it is where no way leads there (another drive)."""
+    try:
+        return os.path.relpath(path.resolve(), base.resolve())
+    except ValueError:
+        return str(path.resolve())
+
+
 @dataclass(frozen=True)
 class Records:
     """The records of a work folder. verify: hash the files of finished work instead of looking at their sizes."""
@@ -210,7 +219,7 @@ class Records:
     ) -> None:
         """Write down that work is finished: the last step of it."""
         base = self.work.resolve()
-        listed = {os.path.relpath(f.path.resolve(), base): [f.size, f.sha256] for f in files}
+        listed = {relative(f.path, base): [f.size, f.sha256] for f in files}
         record = {"key": key, **asdict(report), "files": listed}
         atomic.write_text(self._file(stage, recording), json.dumps(record, indent=1, sort_keys=True))
 

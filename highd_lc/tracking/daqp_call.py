@@ -4,10 +4,13 @@ The wheel's extension module exports DAQP's C function
 
     void daqp_quadprog(DAQPResult *result, DAQPProblem *problem, DAQPSettings *settings)
 
-which numba links by name; no address is ever baked into cached code. The two records below lay out the leading
-fields of DAQP's public structs (types.h, api.h); reserved words behind them leave room for fields that later
-versions append. ``settings`` is null: DAQP's defaults. ``check_daqp`` solves a problem of known solution through
-this door before the first use, so that another layout is an error message and not a wrong number.
+which numba links by name; no address is ever baked into cached code. Where a wheel keeps the function to itself
+the same name leads to a callback that asks DAQP's Python interface, which is slower and gives the same bits.
+
+The two records below lay out the leading fields of DAQP's public structs (types.h, api.h); reserved words behind
+them leave room for fields that later versions append. ``settings`` is null: DAQP's defaults. ``check_daqp`` solves
+a problem of known solution through this door before the first use, so that another layout is an error message and
+not a wrong number.
 """
 
 import ctypes
@@ -62,8 +65,44 @@ RESULT = np.dtype(
     align=True,
 )
 
-llvm.load_library_permanently(daqp.__file__)
-_daqp_quadprog: Any = types.ExternalFunction("daqp_quadprog", types.void(types.intp, types.intp, types.intp))
+_SYMBOL = "daqp_quadprog"
+
+
+def _array(address: int, *shape: int, dtype: Any = np.float64) -> Any:
+    """The array of a shape that begins at an address."""
+    size = int(np.prod(shape)) * np.dtype(dtype).itemsize
+    return np.frombuffer((ctypes.c_char * size).from_address(int(address)), dtype).reshape(shape)
+
+
+def _asked_in_python(result: int, problem: int, settings: int | None) -> None:
+    """DAQP's C function by its Python interface. All: addresses of its structs; settings: null, the defaults."""
+    p, r = _array(problem, 1, dtype=PROBLEM)[0], _array(result, 1, dtype=RESULT)[0]
+    n, m = int(p["n"]), int(p["m"])
+    H, f, A = _array(p["H"], n, n), _array(p["f"], n), _array(p["A"], m, n)
+    upper, lower, sense = _array(p["bupper"], m), _array(p["blower"], m), _array(p["sense"], m, dtype=np.intc)
+    x, fval, flag, info = daqp.solve(*(given.copy() for given in (H, f, A, upper, lower, sense)))
+    _array(r["x"], n)[:] = x
+    _array(r["lam"], m)[:] = info["lam"]
+    r["fval"], r["exitflag"] = fval, flag
+
+
+_CALLBACK = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_void_p)(_asked_in_python)
+
+
+def _is_exported() -> bool:
+    return hasattr(ctypes.CDLL(daqp.__file__), _SYMBOL)
+
+
+def ask_python() -> None:
+    """Let the kernels ask DAQP's Python interface from here on; those that are linked already are not changed."""
+    llvm.add_symbol(_SYMBOL, ctypes.cast(_CALLBACK, ctypes.c_void_p).value)
+
+
+if _is_exported():
+    llvm.load_library_permanently(daqp.__file__)
+else:
+    ask_python()
+_daqp_quadprog: Any = types.ExternalFunction(_SYMBOL, types.void(types.intp, types.intp, types.intp))
 
 
 @njit(cache=True, nogil=True, inline="always")
@@ -104,8 +143,6 @@ def check_daqp() -> None:
 
     min 0.5 (x1^2 + x2^2) - 2 x1 - x2 subject to x1 + x2 <= 1: x = (1, 0), multiplier 1.
     """
-    if not hasattr(ctypes.CDLL(daqp.__file__), "daqp_quadprog"):
-        raise MissingExtraError(f"daqp: {daqp.__file__} does not export daqp_quadprog; a Linux wheel does")
     x, lam = np.zeros(2), np.zeros(1)
     flag = daqp_solve(
         np.eye(2),

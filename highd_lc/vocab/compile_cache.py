@@ -130,6 +130,9 @@ def _places(package: Path) -> Iterator[Path]:
 
 def _temporary() -> Iterator[Path]:
     """This user's folder among the temporary ones; none if others can write to it, for kernels are code."""
+    if os.name != "posix":  # where they are each user's own
+        yield Path(tempfile.gettempdir()) / "highd_lc"
+        return
     folder = Path(tempfile.gettempdir()) / f"highd_lc-{os.getuid()}"
     folder.mkdir(mode=0o700, exist_ok=True)
     about = folder.lstat()
