@@ -23,7 +23,7 @@ import pandas as pd
 from highd_lc.io import artefacts
 from highd_lc.io.workspace import code_version
 from highd_lc.reporting.drawing import panels
-from highd_lc.reporting.follower_words import LOSS_COLUMNS, effects_of, error_over_effect
+from highd_lc.reporting.follower_words import LOSS_COLUMNS, effects_of
 from highd_lc.vocab import names
 
 DOCS = Path(__file__).resolve().parent
@@ -84,7 +84,7 @@ def _ratio(work: Path) -> dict[str, Any]:
     keys = ["event_id", "followers", "policy", "accounting"]
     losses = artefacts.read(work, "losses", columns=[*keys, *LOSS_COLUMNS])
     effects = effects_of(losses[losses["followers"] == names.POPULATION])
-    return {e.form: {"ratio": _kept(error_over_effect(e.error, e.effect)), "events": e.n} for e in effects}
+    return {e.form: {"ratio": _kept(e.ratio), "events": e.n} for e in effects}
 
 
 def _price(work: Path) -> list[dict[str, Any]]:

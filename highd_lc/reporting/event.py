@@ -93,7 +93,9 @@ class FitTrace:
 
 @dataclass(frozen=True)
 class TrackTrace:
-    """Tracking of a policy's plan: errors e_lateral, e_longitudinal [m], inputs v [m/s], delta [rad]."""
+    """Tracking of a policy's plan: errors e_lateral, e_longitudinal [m], inputs v [m/s], delta [rad]; path: the
+    motion of the box centre as driven.
+    """
 
     policy: str
     plant: str
@@ -102,6 +104,7 @@ class TrackTrace:
     longitudinal: FloatArray
     v: FloatArray
     delta: FloatArray
+    path: Path
 
 
 @dataclass(frozen=True)

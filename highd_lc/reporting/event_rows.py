@@ -45,13 +45,15 @@ _SAFETY_CELLS: Final = (
     ("max_drac", 2),
     ("peak_follower_decel", 2),
 )
-_TRACKING_CELLS: Final = (
+_ERROR_CELLS: Final = (
     ("rmse_lateral_m", 4),
     ("max_lateral_m", 4),
     ("rmse_longitudinal_m", 4),
     ("rmse_heading_rad", 5),
     ("max_slack", 4),
     ("qp_failures", 0),
+)
+_JUDGED_CELLS: Final = (
     ("loss_av_planned", 3),
     ("loss_av_tracked", 3),
     ("loss_hv_planned", 3),
@@ -189,6 +191,7 @@ def margins(rows: list[Row]) -> dict[str, Any]:
     with_margins = [row for row in rows if _length(row["margins"])]
     counted = {form: row for form, (_, local) in PAIRS.items() for row in rows if row["policy"] == local}
     rejected = [dict(row["rejected_by"] or {}) for row in counted.values()]
+    bound = [binding(row) for row in with_margins]
     found = sorted({name for row in with_margins for name in row["margins"]} | {n for r in rejected for n in r})
     return {
         "policies": [labels.short_policy(row["policy"]) for row in with_margins],
@@ -198,11 +201,22 @@ def margins(rows: list[Row]) -> dict[str, Any]:
                 "name": constraint(name),
                 "unit": _unit(name),
                 "margins": [row["margins"].get(name) for row in with_margins],
+                "binds": [place for place, names_ in enumerate(bound) if name in names_],
                 "rejected": [counts.get(name) for counts in rejected],
             }
             for name in found
         ],
     }
+
+
+def binding(row: Row) -> set[str]:
+    """The constraints that shape a plan: those without margin left, or the one that forbids any. row: of plans."""
+    forbids = {row["binding"]} if row.get("binding") else set()
+    return forbids | {name for name in _listed(row["at_bound"]) if name not in _UNKNOWNS}
+
+
+def _listed(found: Iterable[str] | None) -> list[str]:
+    return [] if found is None else list(found)
 
 
 _AXES: Final = {"x": "longitudinal", "y": "lateral"}
@@ -276,7 +290,8 @@ def tracking_row(row: Row) -> dict[str, Any]:
         "policy": row["policy"],
         "plant": labels.PLANTS[row["plant"]],
         "status": row["status"],
-        "cells": [(row[name], digits) for name, digits in _TRACKING_CELLS],
+        "errors": [(row[name], digits) for name, digits in _ERROR_CELLS],
+        "judged": [(row[name], digits) for name, digits in _JUDGED_CELLS],
         "violations": _violations(row["violations"]),
     }
 
@@ -327,9 +342,10 @@ def margin_body(rows: Iterable[Line]) -> Markup:
     return _joined(_margin_line, rows)
 
 
-def tracking_body(rows: Iterable[Line]) -> Markup:
-    """The lines of the table of tracking (see ``lane_change.tracking_row``)."""
-    return _joined(_tracking_line, rows)
+def tracking_bodies(rows: Iterable[Line]) -> dict[str, Markup]:
+    """The lines of both tables of tracking, errors and judgement (see ``tracking_row``); none without rows."""
+    known = list(rows)
+    return {"errors": _joined(_error_line, known), "judged": _joined(_judged_line, known)} if known else {}
 
 
 def _joined(line: Callable[[Line], str], rows: Iterable[Line]) -> Markup:
@@ -367,9 +383,20 @@ def _safety_line(row: Line) -> str:
 
 def _margin_line(row: Line) -> str:
     head = f'<tr><th scope="row">{_word(row["name"])}</th><td class="unit">{_word(row["unit"])}</td>'
-    return f"{head}{cells(row['margins'], 2)}{cells(row['rejected'], 0)}</tr>\n"
+    margins = cells(row["margins"], 2)
+    if row["binds"]:
+        parts = margins.split('<td class="n')
+        margins = parts[0] + "".join(
+            [f'<td class="{"binding " * (k in row["binds"])}n{part}' for k, part in enumerate(parts[1:])]
+        )
+    return f"{head}{margins}{cells(row['rejected'], 0)}</tr>\n"
 
 
-def _tracking_line(row: Line) -> str:
+def _error_line(row: Line) -> str:
     head = f"<tr>{policy_head(row['policy'])}<td>{_word(row['plant'])}</td><td>{_word(row['status'])}</td>"
-    return f"{head}\n{cells(row['cells'])}<td>{_word(row['violations'])}</td></tr>\n"
+    return f"{head}\n{cells(row['errors'])}</tr>\n"
+
+
+def _judged_line(row: Line) -> str:
+    head = f"<tr>{policy_head(row['policy'])}<td>{_word(row['plant'])}</td>"
+    return f"{head}\n{cells(row['judged'])}<td>{_word(row['violations'])}</td></tr>\n"

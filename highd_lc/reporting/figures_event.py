@@ -141,7 +141,8 @@ def _losses(report: EventReport) -> Panel:
 
 
 def _shortest(policy: str) -> str:
-    return labels.short_policy(policy).replace("Local optimum,", "Local,").replace("Benchmark,", "Bench.,")
+    short = labels.short_policy(policy).replace("Robust local optimum", "Robust")
+    return short.replace("Local optimum,", "Local,").replace("Benchmark,", "Bench.,")
 
 
 def _scene(report: EventReport) -> Panel:
@@ -152,6 +153,8 @@ def _scene(report: EventReport) -> Panel:
     high = 20.0 * math.ceil(max([60.0, *centres, *(float(x) for x in ends if np.isfinite(x))]) / 20.0 + 0.2)
     lower = max(y for y in report.markings if y < report.divider - 1.0)
     upper = min(y for y in report.markings if y > report.divider + 1.0)
+    missing = max(0.0, _LEAST_STRETCH - (high - low)) / 2.0
+    low, high = low - missing, high + missing
     road = Block(low, lower, high - low, upper - lower, ROAD)
     marking = Curve(np.array([low, high]), np.full(2, report.divider), QUIET, 0.6, (6, 6))
     paths = tuple(_path(p, report) for q in SHOWN if (p := report.play(q)) is not None)
@@ -159,10 +162,10 @@ def _scene(report: EventReport) -> Panel:
     for role, path in boxes:
         if low < path.x[0] < high:
             blocks.append(_box(report, role, path))
-            notes.append(_box_note(report, role, path))
+            notes.append(_box_note(report, role, path, off=0.011 * (high - low)))
     sides = [(float(path.y[0]), report.boxes[role].width / 2) for role, path in boxes]
     bottom, top = min([lower, *(y - half for y, half in sides)]), max([upper, *(y + half for y, half in sides)])
-    limits = (low, high, math.floor(bottom) - 2.0, math.ceil(top) + 2.0)
+    limits = _equal_scale(low, high, (bottom + top) / 2.0)
     return Panel(
         "Scene at the start, and the paths of the lane change",
         "x [m]",
@@ -172,6 +175,13 @@ def _scene(report: EventReport) -> Panel:
         tuple(blocks),
         tuple(notes),
     )
+
+
+def _equal_scale(low: float, high: float, middle: float) -> tuple[float, float, float, float]:
+    """Limits of the scene in which a metre across is as long as a metre along. middle: of the road, y [m]."""
+    _, _, width, height = _inner("scene")
+    half = 0.5 * (high - low) * (height * _SIZE[1]) / (width * _SIZE[0])
+    return low, high, middle - half, middle + half
 
 
 def _at_start(report: EventReport) -> dict[str, Path]:
@@ -203,18 +213,21 @@ def _box(report: EventReport, role: str, path: Path) -> Block:
     )
 
 
-def _box_note(report: EventReport, role: str, path: Path) -> Note:
+def _box_note(report: EventReport, role: str, path: Path, *, off: float) -> Note:
+    """The name of a vehicle beside its box. off: how far its middle is from the box [m]."""
     # Beside the road where the lane is the outer one, so that no label crosses the marking.
     outside = 1.0 if path.y[0] > report.divider else -1.0
-    y = float(path.y[0]) + outside * (report.boxes[role].width / 2 + 1.0)
+    y = float(path.y[0]) + outside * (report.boxes[role].width / 2 + off)
     name = labels.role(role).replace("target ", "").replace("origin ", "")
     return Note(float(path.x[0]), y, name, "center", QUIET)
 
 
 _SIZE: Final = (7.2, 5.6)
 _DPI: Final = 150
+_LEAST_STRETCH: Final = 200.0
+"""Length of road that a scene shows at least [m]: in less there would be no room for the lanes beside."""
 _COLUMNS: Final = (0.0, 0.325, 0.635, 1.0)
-_ROWS: Final = (0.075, 0.385, 0.695, 0.95)
+_ROWS: Final = (0.075, 0.415, 0.755, 0.95)
 # Margins inside a cell, as shares of the figure: left, right, bottom, top.
 _MARGINS: Final = (0.045, 0.018, 0.06, 0.032)
 _CELLS: Final = {

@@ -3,7 +3,7 @@
 Tables in, Figure out. Published numbers (all 60 recordings of HighD, equations.md 11.5) are drawn beside ours.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import Any, Final
 
 import numpy as np
@@ -27,10 +27,11 @@ PUBLISHED_COMPLETE: Final = (7674 + 746) / 13949
 _INCOMPLETE: Final = frozenset(names.REASONS) - {names.FOLLOWER_AHEAD, names.NO_TARGET_FOLLOWER}
 
 
-def funnel_figure(crossings: pd.DataFrame) -> Figure:
+def funnel_figure(crossings: pd.DataFrame, further: Mapping[str, frozenset[str]] | None = None) -> Figure:
     """What becomes of the lane-id changes: each reason takes its share off, what is left are the events.
 
-    crossings: rows of ``crossings``. A bar is split by class (colour) and side (shade).
+    crossings: rows of ``crossings``. A bar is split by class (colour) and side (shade). further: ids of the events
+    that got so far, by a word for it.
     """
     reasons = [reason for reason in names.REASONS if (crossings["reason"] == reason).any()]
     rows = [("all lane-id changes", crossings, 0)]
@@ -39,7 +40,9 @@ def funnel_figure(crossings: pd.DataFrame) -> Figure:
         taken = crossings[crossings["reason"] == reason]
         left -= len(taken)
         rows.append((reason.replace("_", " "), taken, left))
-    rows.append(("usable events", crossings[crossings["usable"]], 0))
+    usable = crossings[crossings["usable"]]
+    rows.append(("usable events", usable, 0))
+    rows += [(word, usable[usable["event_id"].isin(ids)], 0) for word, ids in (further or {}).items()]
     figure, grid = panels(7.6, 0.9 + 0.3 * len(rows))
     axes = grid[0, 0]
     for place, (_, part, start) in enumerate(rows):

@@ -3,9 +3,10 @@
 Overview pages: a title, some text, and sections of figures and tables.
 """
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Final
+from types import MappingProxyType
+from typing import Any, Final, TypeAlias
 
 import pandas as pd
 from markupsafe import Markup
@@ -14,6 +15,8 @@ from highd_lc.reporting import figures_extraction as figures
 from highd_lc.reporting import html, labels
 from highd_lc.reporting.follower_words import PAGE as PREDICTION_PAGE
 from highd_lc.vocab import names
+
+_NOWHERE: Final[Mapping[str, frozenset[str]]] = MappingProxyType({})
 
 
 @dataclass(frozen=True)
@@ -87,18 +90,26 @@ def believed_section(says: Sequence[str], *, linked: bool) -> Section:
     return Section("How far the followers can be believed", text, anchor="believed")
 
 
-def data_page(recordings: pd.DataFrame, crossings: pd.DataFrame, events: pd.DataFrame) -> str:
+Further: TypeAlias = Mapping[str, frozenset[str]]
+"""Ids of the events that got so far, by a word for it: calibrated, planned, tracked, reported."""
+
+
+def data_page(
+    recordings: pd.DataFrame, crossings: pd.DataFrame, events: pd.DataFrame, further: Further = _NOWHERE
+) -> str:
     """Quality of the recordings, funnel and distributions of the lane changes."""
     lead = (
         f"{recordings['recording_id'].nunique()} recordings, {int(recordings['n_vehicles'].sum())} vehicles, "
         f"{len(crossings)} lane-id changes, {len(events)} of them usable. The recorded leader ids confirm who is "
         f"who in {int(events['roles_confirmed'].sum())} of these.",
     )
-    return overview_page("data.html", "Data", _data_sections(recordings, crossings, events), lead)
+    return overview_page("data.html", "Data", _data_sections(recordings, crossings, events, further), lead)
 
 
-def _data_sections(recordings: pd.DataFrame, crossings: pd.DataFrame, events: pd.DataFrame) -> Iterator[Section]:
-    yield funnel_section(crossings)
+def _data_sections(
+    recordings: pd.DataFrame, crossings: pd.DataFrame, events: pd.DataFrame, further: Further
+) -> Iterator[Section]:
+    yield funnel_section(crossings, further)
     figure = html.inline_svg(
         figures.distributions_figure(crossings, events),
         "Distributions of duration, lateral shift, peak lateral speed, gaps at the start and number of followers.",
@@ -146,14 +157,16 @@ def quality_section(recordings: pd.DataFrame) -> Section:
     return Section("Quality of the data", figure=figure, folded=folded, anchor="quality")
 
 
-def excluded_page(crossings: pd.DataFrame) -> str:
-    """Every lane-id change that is no event, by reason. crossings: ``crossings``."""
+def excluded_page(crossings: pd.DataFrame, further: Further = _NOWHERE) -> str:
+    """Every lane-id change that is no event, by reason, with what is known of it. crossings: ``crossings``."""
     usable = int(crossings["usable"].sum())
     lead = (
         f"{len(crossings)} lane-id changes were found: {usable} usable, {len(crossings) - usable} excluded. "
         "Each is excluded for exactly one reason, the first that applies in the order of the table.",
+        "A dash for start or end: not in view. highd-lc show ID prints one with the vehicles around it.",
     )
-    return overview_page("excluded.html", "Excluded lane-id changes", _excluded_sections(crossings), lead)
+    sections = _excluded_sections(crossings, further)
+    return overview_page("excluded.html", "Excluded lane-id changes", sections, lead)
 
 
 _EXCLUDED_COLUMNS: Final = (
@@ -163,19 +176,28 @@ _EXCLUDED_COLUMNS: Final = (
     Column("direction", "Direction"),
     Column("origin_lane", "Origin lane", digits=0),
     Column("target_lane", "Target lane", digits=0),
+    Column("speed_mps", "Speed", "m/s", 1),
+    Column("start_frame", "Start frame", digits=0),
+    Column("crossing_frame", "Crossing frame", digits=0),
+    Column("end_frame", "End frame", digits=0),
+    Column("event_of_vehicle", "Usable change of the vehicle", link="events/{}.html"),
 )
 
 
-def _excluded_sections(crossings: pd.DataFrame) -> Iterator[Section]:
-    yield funnel_section(crossings)
-    excluded = crossings[~crossings["usable"]]
+def _excluded_sections(crossings: pd.DataFrame, further: Further) -> Iterator[Section]:
+    yield funnel_section(crossings, further)
+    vehicle = ["recording_id", "ego_id"]
+    first = crossings[crossings["usable"]].drop_duplicates(vehicle)[[*vehicle, "event_id"]]
+    known = first.rename(columns={"event_id": "event_of_vehicle"})
+    excluded = crossings[~crossings["usable"]].merge(known, on=vehicle, how="left")
+    excluded["event_of_vehicle"] = excluded["event_of_vehicle"].astype(object).where(lambda ids: ids.notna(), None)
     for reason, rows in ((r, excluded[excluded["reason"] == r]) for r in names.REASONS):
         if len(rows):
             text = f"{labels.REASONS[reason][0].upper()}{labels.REASONS[reason][1:]}"
             yield Section(f"{text} ({len(rows)})", tables=(table_view(rows, _EXCLUDED_COLUMNS),), anchor=reason)
 
 
-def funnel_section(crossings: pd.DataFrame) -> Section:
+def funnel_section(crossings: pd.DataFrame, further: Further = _NOWHERE) -> Section:
     """What becomes of the lane-id changes: figure, and counts with cars and trucks apart."""
     counts = pd.crosstab(crossings["reason"], crossings["ego_class"])
     counts = counts.reindex(index=["", *names.REASONS], columns=list(names.CLASSES), fill_value=0)
@@ -189,10 +211,28 @@ def funnel_section(crossings: pd.DataFrame) -> Section:
     )
     return Section(
         "What becomes of the lane-id changes",
-        figure=html.inline_svg(figures.funnel_figure(crossings), "The funnel; the table holds the numbers."),
-        tables=(TableView(columns, (*rows, total)),),
+        figure=html.inline_svg(
+            figures.funnel_figure(crossings, further), "The funnel; the table holds the numbers."
+        ),
+        tables=(TableView(columns, (*rows, total, *_further_rows(crossings, further))),),
         anchor="funnel",
     )
+
+
+_FURTHER: Final = {
+    "calibrated": "of the usable ones: the first follower's motion could be fitted",
+    "planned": "the local optimum has a plan (fixed end speed, accounting “equal”)",
+    "tracked": "that plan could be driven by the controller",
+    "reported": "has a page",
+}
+
+
+def _further_rows(crossings: pd.DataFrame, further: Further) -> Iterator[tuple[str | int, ...]]:
+    """How far the usable ones got."""
+    classes = crossings[crossings["usable"]].set_index("event_id")["ego_class"]
+    for word, ids in further.items():
+        counts = [int((classes[classes.index.isin(ids)] == kind).sum()) for kind in names.CLASSES]
+        yield (word, _FURTHER[word], *counts, sum(counts))
 
 
 def _funnel_row(reason: str, counts: list[int]) -> tuple[str | int, ...]:

@@ -126,7 +126,7 @@ def _context(report: EventReport, *, raw: bool) -> dict[str, Any]:
         "margins": event_rows.per_accounting(report.plans, partial(_margins, report)),
         "parameters": [(name, UNITS[name]) for name in PARAMETERS],
         "fits": [event_rows.fit_row(row, report) for row in report.fits],
-        "tracking": event_rows.tracking_body(map(event_rows.tracking_row, event_rows.ordered(report.tracking))),
+        "tracking": event_rows.tracking_bodies(map(event_rows.tracking_row, event_rows.ordered(report.tracking))),
         "tracks_drawn": bool(report.track_traces),
         "provenance": report.provenance,
         "payload": event_payload(report, raw=raw),

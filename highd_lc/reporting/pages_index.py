@@ -6,7 +6,7 @@ results on one screen, with links to everything behind them.
 
 import base64
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any, Final
 
 import numpy as np
@@ -16,11 +16,12 @@ from numpy.typing import NDArray
 
 from highd_lc.reporting import figures_population as figures
 from highd_lc.reporting import html, labels
-from highd_lc.reporting.certainty_words import beside
+from highd_lc.reporting.certainty_words import beside, no_interval
 from highd_lc.reporting.figures_population import ALL
 from highd_lc.reporting.figures_studies import gain_map_figure
 from highd_lc.reporting.pages_data import (
     Column,
+    Further,
     Section,
     funnel_section,
     overview_page,
@@ -91,7 +92,9 @@ def index_page(tables: IndexTables, *, raw: bool = False, says: str = "", believ
         "n_excluded": int(excluded.sum()),
         "reasons": [(code, labels.REASONS[code], int(excluded.get(code, 0))) for code in names.REASONS],
         "accountings": [labels.ACCOUNTING_NAMES[accounting] for accounting in _ACCOUNTINGS],
+        "first": list(_first_looks(tables)),
         "matrix": _matrix(tables.matrix),
+        "why": _why_no_interval(tables.matrix),
         "filters": _filters(events, tables.plans),
         "cells": [
             (_key(cell), f"{labels.FORMS[cell[0]]}, {labels.ACCOUNTING_NAMES[cell[1]].lower()}")
@@ -111,13 +114,35 @@ def _matrix(matrix: pd.DataFrame) -> list[tuple[str, list[str]]]:
         row
         for form in present
         for row in (
-            (labels.FORMS[form], [beside(whole[form, a]) for a in _ACCOUNTINGS]),
+            (labels.FORMS[form], [_gain(whole[form, a]) for a in _ACCOUNTINGS]),
             (
                 "the same, of what the change adds",
-                [beside(whole[form, a], "gain_incremental") for a in _ACCOUNTINGS],
+                [_gain(whole[form, a], "gain_incremental") for a in _ACCOUNTINGS],
             ),
         )
     ]
+
+
+def _gain(row: Any, name: str = "gain") -> str:
+    """A gain with its interval, if it has one."""
+    return beside(row, name).partition(" (no interval")[0]
+
+
+def _why_no_interval(matrix: pd.DataFrame) -> list[str]:
+    """Why gains have no interval, each reason once."""
+    whole = matrix[(matrix["stratum"] == ALL) & matrix["gain"].notna() & matrix["gain_low"].isna()]
+    return list(dict.fromkeys(no_interval(int(n)) for n in whole["n_clusters"]))
+
+
+_FEW: Final = 3
+
+
+def _first_looks(tables: IndexTables) -> Iterator[Section]:
+    """What a reader looks for: the events at both ends, and how the gains are spread."""
+    if not len(tables.losses) or not len(tables.events):
+        return
+    yield _extremes_section(tables, _FEW)
+    yield _distribution_section(tables)
 
 
 def _key(cell: tuple[str, str]) -> str:
@@ -217,7 +242,7 @@ _NOTHING: Final = 1e-9
 
 @dataclass(frozen=True)
 class SummaryTables:
-    """Artefacts of a whole run that the summary shows."""
+    """Artefacts of a whole run that the summary shows. further: the events that got so far, see ``Further``."""
 
     events: pd.DataFrame
     crossings: pd.DataFrame
@@ -230,6 +255,7 @@ class SummaryTables:
     pareto: pd.DataFrame
     pareto_summary: pd.DataFrame
     pages: pd.DataFrame
+    further: Further = field(default_factory=dict)
 
 
 def summary_page(tables: SummaryTables, says: Sequence[Said] = (), first: Sequence[Section] = ()) -> str:
@@ -260,7 +286,7 @@ def _sections(tables: SummaryTables) -> Iterator[Section]:
         yield table3_section(tables.summary_lcm)
     if len(tables.losses):
         yield pareto_section(tables.pareto, tables.pareto_summary)
-    yield funnel_section(tables.crossings)
+    yield funnel_section(tables.crossings, tables.further)
     yield quality_section(tables.recordings)
 
 
@@ -321,7 +347,7 @@ def _losses_section(tables: SummaryTables) -> Section:
     )
 
 
-def _distribution_section(tables: SummaryTables) -> Section:
+def _distribution_section(tables: IndexTables | SummaryTables) -> Section:
     gains = {}
     for form in PAIRS:
         local, benchmark = totals(tables.losses, tables.events, form, names.PRIMARY_ACCOUNTING)
@@ -366,7 +392,7 @@ _MAP_COLUMNS: Final = (
 )
 
 
-def _extremes_section(tables: SummaryTables) -> Section:
+def _extremes_section(tables: IndexTables | SummaryTables, most: int = _EXTREMES) -> Section:
     local, benchmark = totals(tables.losses, tables.events, names.FIXED, names.PRIMARY_ACCOUNTING)
     frame = tables.events[["event_id", "ego_class", "direction"]].assign(
         benchmark=benchmark, local=local, gain=100.0 * (1.0 - local / benchmark)
@@ -380,6 +406,6 @@ def _extremes_section(tables: SummaryTables) -> Section:
         Column("local", "Local optimum", digits=2),
         Column("gain", "Gain", "%", 2),
     )
-    best = table_view(ranked.head(_EXTREMES), columns, "Largest gains")
-    worst = table_view(ranked.iloc[::-1].head(_EXTREMES), columns, "Smallest gains")
+    best = table_view(ranked.head(most), columns, "Largest gains")
+    worst = table_view(ranked.iloc[::-1].head(most), columns, "Smallest gains")
     return Section("Best and worst events", ("Fixed end speed, accounting “equal”.",), tables=(best, worst))

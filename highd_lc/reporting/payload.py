@@ -72,7 +72,7 @@ def event_payload(report: EventReport, *, raw: bool = False) -> dict[str, Any]:
         "plays": list(_plays(report.plays, step, drive)),
         "surface": None if report.surface is None else _surface(report.surface, report),
         "fits": {str(rank): _fit(trace, step) for rank, trace in report.fit_traces.items()},
-        "tracks": [_track(trace) for trace in report.track_traces],
+        "tracks": [_track(trace, drive) for trace in report.track_traces],
         "prediction": None if report.prediction is None else _prediction(report.prediction, step),
     }
 
@@ -172,8 +172,10 @@ def _period(t: FloatArray) -> float:
     return round((steps[len(steps) // 2] + steps[~(len(steps) // 2)]) / 2, 3)
 
 
-def _track(trace: TrackTrace) -> dict[str, Any]:
+def _track(trace: TrackTrace, drive: FloatArray) -> dict[str, Any]:
+    path = trace.path
     return {
+        "path": _packed([_co_moving(path, drive), path.y, path.v, path.a], FINE_STEP),
         "policy": trace.policy,
         "plant": trace.plant,
         "dt": _period(trace.t),

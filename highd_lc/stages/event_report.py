@@ -138,7 +138,9 @@ def _track_trace(problem: PlanningProblem, policy: str, T: float, x_final: float
     settings = problem.settings.tracking
     shared = _controller(settings, scene.dt)
     reference = plan_reference(plan, scene.dt)
-    errors, inputs = errors_and_inputs(reference, wheelbase=scene.wheelbase, settings=settings, shared=shared)
+    errors, inputs, states = errors_and_inputs(
+        reference, wheelbase=scene.wheelbase, settings=settings, shared=shared
+    )
     return TrackTrace(
         policy=policy,
         plant=KINEMATIC,
@@ -147,7 +149,15 @@ def _track_trace(problem: PlanningProblem, policy: str, T: float, x_final: float
         longitudinal=errors[:, 0],
         v=inputs[:, 0],
         delta=inputs[:, 1],
+        path=_driven_path(states, inputs[:, 0], scene),
     )
+
+
+def _driven_path(states: FloatArray, v: FloatArray, scene: Scene) -> Path:
+    """The box centre's motion of a car whose rear axle has these x, y and headings. v: its speed [m/s]."""
+    half, heading = scene.wheelbase / 2.0, states[:, 2]
+    x = states[:, 0] + half * (np.cos(heading) - 1.0)
+    return Path(x, states[:, 1] + half * np.sin(heading), v, np.gradient(v, scene.dt))
 
 
 @cache

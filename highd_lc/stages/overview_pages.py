@@ -39,6 +39,7 @@ from highd_lc.vocab.sections import StatisticsSettings
 from highd_lc.vocab.settings import ValidateSettings
 from highd_lc.vocab.tables import TABLES
 from highd_lc.vocab.tables.prediction import JUDGED
+from highd_lc.vocab.tracking import TRACKED
 
 FloatArray = NDArray[np.float64]
 
@@ -117,6 +118,7 @@ def _summary(overview: Overview) -> str:
         matrix=artefacts.read(overview.work, "validation_matrix"),
         recordings=run.recordings,
         pages=pages,
+        further=_further(overview),
         **overview.read("summary_losses", "summary_lcm", "gain_map", "pareto", "pareto_summary"),
     )
     return summary_page(tables, run_says(run), [overview.first])
@@ -172,11 +174,28 @@ def _start(overview: Overview) -> str:
 
 
 def _data(overview: Overview) -> str:
-    return data_page(*overview.read("recordings", "crossings", "events").values())
+    recordings, crossings, events = overview.read("recordings", "crossings", "events").values()
+    return data_page(recordings, crossings, events, _further(overview))
 
 
 def _excluded(overview: Overview) -> str:
-    return excluded_page(artefacts.read(overview.work, "crossings"))
+    return excluded_page(artefacts.read(overview.work, "crossings"), _further(overview))
+
+
+def _further(overview: Overview) -> dict[str, frozenset[str]]:
+    """The events that were calibrated, planned, tracked and reported."""
+    followers = artefacts.read(overview.work, "followers", columns=["event_id", "follower", "status"])
+    (plans,) = overview.read("plans", columns=[*_KEY, "status"]).values()
+    (driven,) = overview.read("tracking", columns=["event_id", "policy", "status"]).values()
+    primary = plans["accounting"] == names.PRIMARY_ACCOUNTING
+    planned, tracked = (frame[frame["policy"] == names.LOCAL_OPTIMUM] for frame in (plans[primary], driven))
+    found = {
+        "calibrated": followers[(followers["follower"] == 1) & (followers["status"] == names.FITTED)],
+        "planned": planned[planned["status"] == names.SOLVED],
+        "tracked": tracked[tracked["status"] == TRACKED],
+        "reported": artefacts.read(overview.work, "event_pages", columns=["event_id"]),
+    }
+    return {word: frozenset(rows["event_id"]) for word, rows in found.items()}
 
 
 def _dictionary(overview: Overview) -> str:

@@ -310,17 +310,18 @@ def track(
 
 def errors_and_inputs(
     reference: Reference, *, wheelbase: float, settings: TrackingSettings, shared: Controller
-) -> tuple[FloatArray, FloatArray]:
+) -> tuple[FloatArray, FloatArray, FloatArray]:
     """What ``track`` drives, without its figures, for drawing.
 
     Longitudinal, lateral [m] and heading [rad] errors, shape (n + 1, 3); inputs v [m/s] and delta [rad], shape
-    (n + 1, 2). NaN where the reference holds numbers that are not finite.
+    (n + 1, 2); x, y [m] and heading [rad] of the rear axle, shape (n + 1, 3). NaN where the reference has numbers
+    that are not finite.
     """
     rows, log = _drive(reference, wheelbase, Disturbance(), settings=settings, shared=shared)
     if log is None:
         invalid = invalid_result(reference)
-        return invalid.errors, invalid.inputs
-    return tracking_errors(log.states, rows), log.inputs
+        return invalid.errors, invalid.inputs, invalid.states
+    return tracking_errors(log.states, rows), log.inputs, log.states
 
 
 def _drive(

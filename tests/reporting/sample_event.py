@@ -111,7 +111,8 @@ def tracking_row(policy: str) -> dict[str, Any]:
 
 def track_trace(policy: str) -> TrackTrace:
     t = np.arange(45) * DT
-    return TrackTrace(policy, "kinematic", t, 0.004 * np.sin(t), 0.01 * np.cos(t), V0 + t, 0.01 * np.sin(t))
+    path = Path(V0 * t, 0.9 * t, V0 + 0.0 * t, 0.0 * t)
+    return TrackTrace(policy, "kinematic", t, 0.004 * np.sin(t), 0.01 * np.cos(t), V0 + t, 0.01 * np.sin(t), path)
 
 
 def surface() -> Surface:

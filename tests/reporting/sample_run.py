@@ -50,6 +50,11 @@ def _crossings(ids: list[str], excluded: int) -> pd.DataFrame:
     frame["ego_class"] = np.where(np.arange(len(frame)) % 4 == 0, names.TRUCK, names.CAR)
     frame["direction"] = np.where(frame["reason"] == names.OUTSIDE_MARKINGS, "", names.LEFT)
     frame["origin_lane"] = pd.array([1] * len(frame), dtype="Int64")
+    frame["ego_id"] = [int(i[3:7]) for i in frame["event_id"]]
+    frame["crossing_frame"] = [int(i[8:]) for i in frame["event_id"]]
+    frame["speed_mps"] = 25.0
+    for column in ("start_frame", "end_frame"):
+        frame[column] = pd.array([k if k % 3 else None for k in range(len(frame))], dtype="Int64")
     frame["target_lane"] = pd.array([None if d == "" else 2 for d in frame["direction"]], dtype="Int64")
     return frame
 

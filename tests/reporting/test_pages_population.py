@@ -98,6 +98,31 @@ def test_the_funnel_adds_up_to_all_crossings():
     assert all(int(row[-1]) == int(row[-2]) + int(row[-3]) for row in body)
 
 
+def test_the_funnel_goes_on_to_the_page():
+    crossings = sample_run().crossings
+    usable = crossings.loc[crossings["usable"], "event_id"].tolist()
+    further = {
+        "calibrated": frozenset(usable[:20]),
+        "planned": frozenset(usable[:9]),
+        "reported": frozenset(usable),
+    }
+    rows = rows_of(excluded_page(crossings, further), after='id="funnel"')
+    counts = {row[0]: row[-1] for row in rows}
+    assert [counts[word] for word in further] == ["20", "9", str(len(usable))]
+
+
+def test_what_is_known_of_an_excluded_change_stands_beside_it():
+    crossings = sample_run().crossings
+    excluded = crossings[~crossings["usable"]].iloc[0]
+    same = crossings["usable"] & (crossings.index == crossings.index[0])
+    crossings.loc[same, ["recording_id", "ego_id"]] = excluded[["recording_id", "ego_id"]].tolist()
+    page = excluded_page(crossings)
+    row = next(part for part in page.split("<tr>") if f">{excluded['event_id']}<" in part)
+    assert f'href="events/{crossings["event_id"].iloc[0]}.html"' in row
+    assert '<td class="n">25.0</td>' in row
+    assert page.count('href="events/') == 1
+
+
 def test_the_dictionary_holds_every_column_of_every_table():
     page = dictionary_page()
     for table in TABLES.values():

@@ -53,4 +53,23 @@ function initTheme() {
   if (button) button.addEventListener("click", () => setTheme(isDark() ? "light" : "dark"));
 }
 
+/* What is wider than its place can be scrolled with the keyboard as well, once somebody gets there by Tab. */
+function reachWide() {
+  for (const element of document.querySelectorAll(".scroll, .figure")) {
+    if (element.scrollWidth <= element.clientWidth + 1) {
+      element.removeAttribute("tabindex");
+      continue;
+    }
+    element.tabIndex = 0;
+    if (element.matches(".scroll")) {
+      const caption = element.querySelector("caption");
+      element.setAttribute("role", "region");
+      element.setAttribute("aria-label", caption ? caption.textContent : "Table");
+    }
+  }
+}
+
 initTheme();
+reachWide();
+addEventListener("resize", reachWide);
+document.addEventListener("toggle", reachWide, true);

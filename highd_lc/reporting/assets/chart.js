@@ -42,10 +42,46 @@ class Chart {
     this.options = { xLabel: "time since start [s]", digits: 2, least: 0, ...options };
     this.svg = mark("svg", { viewBox: `0 0 ${CHART.width} ${CHART.height}`, role: "img" });
     this.legend = node("p", { class: "legend" });
+    this.shown = null;
+    this.at = NaN;
     figure.classList.add("chart");
-    figure.append(node("h3", {}, options.title + " ", node("span", { class: "unit" }, `[${options.unit}]`)),
-      this.svg, this.legend);
+    const heading = node("h3", {}, options.title + " ", node("span", { class: "unit" }, `[${options.unit}]`));
+    figure.append(node("div", { class: "head" }, heading, this.tools()), this.svg, this.legend);
     if (options.onScrub) this.listen();
+  }
+
+  tools() {
+    const button = (text, label, act) => {
+      const element = node("button", { type: "button", title: label, "aria-label": `${label}: ${this.options.title}` }, text);
+      element.addEventListener("click", act);
+      return element;
+    };
+    return node("span", { class: "tools screen" },
+      button("+", "Zoom in", () => this.zoom(2)), button("−", "Zoom out", () => this.zoom(0.5)),
+      button("CSV", "Data of this chart as CSV", () => this.save()));
+  }
+
+  /* Show a part of the time about the cursor, or all of it again. */
+  zoom(factor) {
+    const [low, high] = this.xRange, [first, last] = this.whole;
+    const middle = Number.isFinite(this.at) ? Math.min(Math.max(this.at, low), high) : (low + high) / 2;
+    const width = Math.max((high - low) / factor, 0.5);
+    const start = Math.min(Math.max(middle - width / 2, first), last - width);
+    this.shown = width >= last - first ? null : [start, start + width];
+    this.redraw();
+  }
+
+  /* One row a sample of a line, as drawn. */
+  csv() {
+    const quoted = (text) => `"${text.replace(/"/g, '""')}"`;
+    const name = (s) => [s.name, s.label].filter(Boolean).join(", ");
+    const rows = this.series.flatMap((s) => [...s.x].map((x, k) => `${quoted(name(s))},${+x.toFixed(3)},${+s.y[k].toFixed(4)}`));
+    return [["series", this.options.xLabel, `${this.options.title} [${this.options.unit}]`].map(quoted).join(","), ...rows, ""].join("\n");
+  }
+
+  save() {
+    const file = `${document.title} ${this.options.title}.csv`.replace(/[^\w.-]+/g, "_");
+    node("a", { href: `data:text/csv;charset=utf-8,${encodeURIComponent(this.csv())}`, download: file }).click();
   }
 
   listen() {
@@ -62,17 +98,31 @@ class Chart {
 
   draw(series, xRange, marks = []) {
     this.series = series.filter((s) => s.x.length > 0);
-    this.xRange = xRange;
-    this.yRange = range(this.series, (s) => s.y, this.options.least);
+    this.marks = marks;
+    this.whole = xRange;
+    this.redraw();
+  }
+
+  redraw() {
+    const [first, last] = this.whole;
+    this.xRange = this.shown && this.shown[0] >= first && this.shown[1] <= last ? this.shown : this.whole;
+    this.yRange = range(this.series, (s) => this.visible(s).map((k) => s.y[k]), this.options.least);
     const line = (s) => mark("path", {
       class: "line", d: this.path(s), "stroke-width": s.width, "stroke-dasharray": s.dash,
       style: `stroke: ${s.colour}; stroke-opacity: ${s.opacity || 1}`,
     });
     this.cursorLine = mark("line", { class: "cursor", y1: CHART.top, y2: CHART.height - CHART.bottom });
-    this.svg.replaceChildren(...this.axes(), ...marks.map((m) => this.verticalMark(m)),
+    this.svg.replaceChildren(...this.axes(), ...this.marks.map((m) => this.verticalMark(m)),
       ...this.series.map(line), ...this.endLabels(), ...(this.options.onScrub ? [this.cursorLine] : []));
     this.svg.setAttribute("aria-label", this.alternative());
     this.drawLegend();
+    if (this.options.onScrub && Number.isFinite(this.at)) this.cursor(this.at);
+  }
+
+  /* Samples of a line in the part of the time that is shown. */
+  visible(s) {
+    const [low, high] = this.xRange;
+    return [...s.x.keys()].filter((k) => s.x[k] >= low - 1e-9 && s.x[k] <= high + 1e-9);
   }
 
   x(value) {
@@ -92,11 +142,7 @@ class Chart {
   }
 
   path(s) {
-    let d = "";
-    for (let k = 0; k < s.x.length; k++) {
-      d += `${k ? "L" : "M"}${this.x(s.x[k]).toFixed(1)} ${this.y(s.y[k]).toFixed(1)}`;
-    }
-    return d;
+    return this.visible(s).map((k, n) => `${n ? "L" : "M"}${this.x(s.x[k]).toFixed(1)} ${this.y(s.y[k]).toFixed(1)}`).join("");
   }
 
   axes() {
@@ -128,9 +174,9 @@ class Chart {
   }
 
   endLabels() {
-    const end = (s) => this.y(s.y[s.y.length - 1]) + 4;
+    const end = (s) => this.y(s.y[this.visible(s).pop()]) + 4;
     let last = -Infinity;
-    return this.series.filter((s) => s.label).sort((a, b) => end(a) - end(b)).map((s) => {
+    return this.series.filter((s) => s.label && this.visible(s).length).sort((a, b) => end(a) - end(b)).map((s) => {
       last = Math.max(end(s), last + 11);
       return mark("text", { class: "tick", x: CHART.width - CHART.right + 4, y: last.toFixed(1) }, s.label);
     });
@@ -150,6 +196,7 @@ class Chart {
   }
 
   cursor(x) {
+    this.at = x;
     const at = this.x(Math.min(Math.max(x, this.xRange[0]), this.xRange[1])).toFixed(1);
     this.cursorLine.setAttribute("x1", at);
     this.cursorLine.setAttribute("x2", at);

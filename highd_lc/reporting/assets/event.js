@@ -55,6 +55,7 @@ function decode(data) {
     for (let k = 5; k < channels.length; k += 4) play.followers.push(path(channels.slice(k, k + 4)));
   }
   for (const other of data.others) Object.assign(other, path(unpack(other)));
+  for (const track of data.tracks) track.ego = path(unpack(track.path));
   data.last = (length - 1) * data.dt;
   data.times = Float64Array.from({ length }, (_, k) => k * data.dt);
   return data;
@@ -204,7 +205,8 @@ class EventPage {
       const figure = node("figure", {});
       choose("charts").append(figure);
       const onScrub = (t) => { this.pause(); this.move(t); };
-      return { chart: new Chart(figure, { title, unit, least, onScrub }), channels, several };
+      const ofEgo = /^(Lateral position|Speed|Acceleration) of the AV$/.test(title);
+      return { chart: new Chart(figure, { title, unit, least, onScrub }), channels, several, ofEgo };
     });
   }
 
@@ -214,6 +216,18 @@ class EventPage {
     const plays = [[this.compared, 1.5], [this.main, 2.5]];
     if (human && human !== this.main && human !== this.compared) plays.unshift([human, 1]);
     return plays.filter(([play]) => play);
+  }
+
+  /* The chosen policy's plan as the controller drove it, where it did. */
+  driven(channels) {
+    const track = this.accounting === "equal" && this.data.tracks.find((one) => one.policy === this.main.policy);
+    if (!track) return [];
+    const values = channels({ ego: track.ego })[0].values;
+    const known = [...values.keys()].filter((k) => Number.isFinite(values[k]));
+    return [{
+      name: `${this.data.looks[track.policy].label}, as driven`, label: "", colour: "var(--ink)", dash: "1 4", width: 2,
+      x: known.map((k) => this.data.times[k]), y: known.map((k) => values[k]),
+    }];
   }
 
   series(play, width, channels) {
@@ -232,9 +246,10 @@ class EventPage {
     const planned = [this.main, this.compared].filter((p) => p && p.T !== null);
     const marks = planned.map((p, k) => ({ x: p.T, label: k ? "" : "T" }));
     marks.push(...planned.filter((p) => p.start > 0).map((p, k) => ({ x: p.start, label: k ? "" : "start" })));
-    for (const { chart, channels, several } of this.charts) {
+    for (const { chart, channels, several, ofEgo } of this.charts) {
       const drawn = this.drawn().filter(([play]) => !several || play === this.main || play === this.compared);
-      chart.draw(drawn.flatMap(([play, width]) => this.series(play, width, channels)), [0, this.data.last], marks);
+      const series = drawn.flatMap(([play, width]) => this.series(play, width, channels));
+      chart.draw(ofEgo ? [...series, ...this.driven(channels)] : series, [0, this.data.last], marks);
     }
   }
 

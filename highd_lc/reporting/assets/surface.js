@@ -109,18 +109,30 @@ class SurfaceView {
   }
 
   points(accounting, looks) {
-    const taken = [];
-    return this.shown(accounting).flatMap(([policy, , T, offset]) => {
-      const [x, y] = [this.x(T), this.y(offset)];
-      let labelY = y - 9;
-      while (taken.some(([tx, ty]) => Math.abs(tx - x) < 110 && Math.abs(ty - labelY) < 13)) labelY -= 13;
-      taken.push([x, labelY]);
-      const end = x > 420;
-      return [
-        mark("circle", { class: "point", cx: x.toFixed(1), cy: y.toFixed(1), r: 6, style: `fill: var(--policy-${policy})` }),
-        mark("text", { class: "halo", x: (x + (end ? -8 : 8)).toFixed(1), y: labelY.toFixed(1), "text-anchor": end ? "end" : "start" }, looks[policy].label),
-      ];
-    });
+    const shown = this.shown(accounting).map(([policy, , T, offset]) => ({ policy, x: this.x(T), y: this.y(offset) }));
+    const taken = shown.map(({ x, y }) => [x - 7, y - 7, x + 7, y + 7]);
+    const circles = shown.map(({ policy, x, y }) =>
+      mark("circle", { class: "point", cx: x.toFixed(1), cy: y.toFixed(1), r: 6, style: `fill: var(--policy-${policy})` }));
+    return [...circles, ...shown.flatMap(({ policy, x, y }) => this.label(looks[policy].label, x, y, taken))];
+  }
+
+  /* A label where it covers no point and no other label, as near to its point as that allows, with a line to it. */
+  label(text, x, y, taken) {
+    const [width, height] = [text.length * (SMALL ? 7.6 : 6.6), SMALL ? 17 : 14];
+    const clear = ([x0, y0, x1, y1]) => x0 > 58 && x1 < 538 && y0 > 14 && y1 < 310
+      && !taken.some(([u0, v0, u1, v1]) => x0 < u1 && u0 < x1 && y0 < v1 && v0 < y1);
+    const box = ([left, up]) => [x + left, y + up - height / 2, x + left + width, y + up + height / 2];
+    const places = [0, 1, 2, 3, 4, 5, 6, 7].flatMap((ring) => [-1, 1].flatMap((side) => {
+      const up = side * ring * height;
+      return [[10, up], [-10 - width, up], [-width / 2, up + side * (height / 2 + 4)]];
+    }));
+    const place = places.find((one) => clear(box(one))) || [10, 0];
+    const [x0, y0, x1, y1] = box(place);
+    taken.push([x0, y0, x1, y1]);
+    const [ex, ey] = [Math.min(Math.max(x, x0), x1), Math.min(Math.max(y, y0), y1)];
+    const far = Math.hypot(ex - x, ey - y) > 16;
+    const line = far ? [mark("line", { class: "lead", x1: x.toFixed(1), y1: y.toFixed(1), x2: ex.toFixed(1), y2: ey.toFixed(1) })] : [];
+    return [...line, mark("text", { class: "halo", x: x0.toFixed(1), y: (y1 - 3).toFixed(1) }, text)];
   }
 
   spoken(accounting, looks) {
