@@ -166,6 +166,7 @@ _TOP = (
     "equal); alone it means --png top; the next run without it draws the others again; default: the pipeline's, "
     "else 50"
 )
+_ANIMATE = "like --event, with the motion as an animated GIF beside the page (repeatable)"
 _OPEN = "open the report, or the event's page, in a browser once it is made"
 
 
@@ -204,6 +205,7 @@ def report(
     top: Annotated[int | None, typer.Option(min=1, metavar="N", help=_TOP)] = None,
     raw: Annotated[bool, typer.Option("--raw", help="draw raw coordinates: such pages may not be shared")] = False,
     vector: Annotated[list[str] | None, typer.Option(help="also pdf or svg of the events drawn")] = None,
+    animate: Annotated[list[str] | None, typer.Option(metavar="EVENT", help=_ANIMATE)] = None,
     open_: Annotated[bool, typer.Option("--open", help=_OPEN)] = False,
     format_: Format = None,
     planner: Planners = None,
@@ -218,9 +220,9 @@ def report(
     settings = settings_file.with_report(settings, {k: v for k, v in changes.items() if v is not None})
     if settings.report.raw:
         errors.print("warning: pages with raw coordinates may not be shared (HighD's licence)")
-    options = Options(
-        folder, work, reports, workers, scheduler, verify, strict, tuple(event or ()), tuple(vector or ())
-    )
+    events = tuple(dict.fromkeys([*(event or ()), *(animate or ())]))
+    kinds = (*(vector or ()), *(["gif"] if animate else ()))
+    options = Options(folder, work, reports, workers, scheduler, verify, strict, events, kinds)
     _go("report", settings, options, browser=open_, as_json=json_, dry_run=dry_run)
 
 

@@ -16,6 +16,7 @@ import pandas as pd
 
 from highd_lc.io import artefacts, atomic
 from highd_lc.reporting import html
+from highd_lc.reporting.animation import ANIMATION, event_gif
 from highd_lc.reporting.event import EventReport
 from highd_lc.reporting.figures_event import VECTOR_FORMATS, EventPainter, event_vector
 from highd_lc.reporting.html import TO_SCENARIOS
@@ -58,6 +59,7 @@ def put_off() -> Iterator[None]:
 
 STAGE = "report"
 _EVENT_ID = re.compile(r"\d{2,}-\d{4,}-\d{5,}")
+_KINDS = ("png", *VECTOR_FORMATS, ANIMATION)
 _MOST_AUTOMATIC = 500
 """Up to this many events, ``png = "auto"`` draws all of them."""
 
@@ -65,7 +67,7 @@ _MOST_AUTOMATIC = 500
 def refuse_senseless(events: tuple[str, ...], vector: tuple[str, ...]) -> None:
     """Raises UsageError if an event's id is none, or a format is not among the vector formats."""
     for kind in vector:
-        if kind not in VECTOR_FORMATS:
+        if kind not in VECTOR_FORMATS and not (events and kind == ANIMATION):
             raise UsageError(f"vector {kind!r}: choose from {', '.join(VECTOR_FORMATS)}")
     for event in events:
         if not _EVENT_ID.fullmatch(event):
@@ -101,7 +103,7 @@ def choose(
     wanted = frozenset(events) if events else None
     recordings = frozenset(of_event.loc[known.isin(events), "recording_id"].tolist()) if events else None
     if settings.png == "none":
-        return ReportRequest(reports, wanted, frozenset(), recordings=recordings)
+        return ReportRequest(reports, wanted, frozenset(), vector, recordings)
     every = settings.png == "all" or (settings.png == "auto" and len(known) <= _MOST_AUTOMATIC)
     pictures = wanted if events else None if every else top_events(work, settings.top, model)
     return ReportRequest(reports, wanted, pictures, vector, recordings)
@@ -165,7 +167,7 @@ def _links(ids: list[str], k: int, request: ReportRequest) -> Links:
         previous=ids[k - 1] if k > 0 and request.events is None else None,
         next=ids[k + 1] if k + 1 < len(ids) and request.events is None else None,
         png=picture,
-        vector=request.vector if picture else (),
+        vector=tuple(kind for kind in request.vector if picture or kind == ANIMATION),
     )
 
 
@@ -182,9 +184,10 @@ def _write_event(report: EventReport, links: Links, page: str, *, request: Repor
     if links.png:
         _write(base.with_suffix(".png"), _painter().png(report))
     for kind in links.vector:
-        _write(base.with_suffix(f".{kind}"), event_vector(report, kind))
+        drawn = event_gif(report) if kind == ANIMATION else event_vector(report, kind)
+        _write(base.with_suffix(f".{kind}"), drawn)
     made = {*links.vector, "png" if links.png else ""}
-    for kind in {"png", *VECTOR_FORMATS} - made:
+    for kind in set(_KINDS) - made:
         base.with_suffix(f".{kind}").unlink(missing_ok=True)
 
 
@@ -261,7 +264,7 @@ def neighbours(reports: Path) -> list[str]:
 def _remove_stale(folder: Path, events: set[str]) -> None:
     """Remove pages and pictures of events that the run no longer has; nothing else is touched."""
     for path in folder.glob("*.*") if folder.is_dir() else ():
-        kind = path.suffix.lstrip(".") in {"html", "png", *VECTOR_FORMATS}
+        kind = path.suffix.lstrip(".") in {"html", *_KINDS}
         if kind and _EVENT_ID.fullmatch(path.stem) and path.stem not in events:
             path.unlink()
 

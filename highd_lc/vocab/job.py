@@ -79,7 +79,7 @@ class ReportRequest:
     """What of a report is wanted.
 
     reports: folder to write to. events: ids of the events that get a page; None = all, and the overview pages.
-    pictures: ids of the events that get a PNG; None = all. vector: further formats of the pictures, "pdf", "svg".
+    pictures: ids of the events that get a PNG; None = all. vector: further formats, "pdf", "svg", "gif".
     recordings: those that hold such an event; None = all, and no other is to be touched.
     """
 

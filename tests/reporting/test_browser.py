@@ -1,6 +1,9 @@
 """Pages in a real browser: they play, scrub, sort and filter from disk, quietly, asking for nothing."""
 
+import csv
+import importlib.util
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 from browser import Watched, chromium
@@ -348,3 +351,77 @@ def test_the_printed_index_keeps_the_names_of_its_columns(opened):
     page.emulate_media(media="print")
     assert page.is_visible("#events thead button >> text=Gain")
     assert not page.is_visible("#best")
+
+
+_SERIOUS = """async () => (await axe.run(document, {resultTypes: ["violations"]})).violations
+    .filter(v => ["serious", "critical"].includes(v.impact))
+    .map(v => `${v.id}: ${v.nodes[0].html.slice(0, 200)}`)"""
+
+
+@pytest.mark.parametrize(
+    "name", [*ALL_PAGES, "events/event", "events/predicted", "events/infeasible", "events/unplanned"]
+)
+def test_a_page_has_no_serious_fault_of_accessibility(opened, name):
+    axe = importlib.util.find_spec("axe_playwright_python")
+    if axe is None:
+        pytest.skip("axe-playwright-python is not installed (extra dev)")
+    page = opened(f"{name}.html", width=420, dark=name.startswith("events"))
+    page.add_script_tag(content=Path(axe.origin).with_name("axe.min.js").read_text("utf-8"))
+    assert page.evaluate(_SERIOUS) == []
+
+
+def chart(page, title: str):
+    return page.locator("figure.chart", has=page.locator("h3", has_text=title)).first
+
+
+def test_a_chart_zooms_about_the_cursor_and_back(opened):
+    page = opened("events/event.html")
+    page.fill("#time", "4.0")
+    speed = chart(page, "Speed of the AV")
+    ticks = lambda: speed.locator("text.tick").all_text_contents()  # noqa: E731
+    whole = speed.locator("path.line").first.get_attribute("d")
+    for _ in range(2):
+        speed.get_by_role("button", name="Zoom in").click()
+    assert speed.locator("path.line").first.get_attribute("d") != whole
+    assert "15" not in ticks()
+    for _ in range(2):
+        speed.get_by_role("button", name="Zoom out").click()
+    assert speed.locator("path.line").first.get_attribute("d") == whole
+
+
+def test_a_chart_s_data_are_saved_as_csv(opened, tmp_path):
+    page = opened("events/event.html")
+    with page.expect_download() as waiting:
+        chart(page, "Lateral position of the AV").get_by_role("button", name="CSV").click()
+    waiting.value.save_as(tmp_path / "lateral.csv")
+    rows = list(csv.reader((tmp_path / "lateral.csv").read_text("utf-8").splitlines()))
+    assert rows[0] == ["series", "time since start [s]", "Lateral position of the AV [m]"]
+    assert {row[0] for row in rows[1:]} >= {"Local optimum", "Benchmark", "Human", "Local optimum, as driven"}
+    last = [float(row[2]) for row in rows if row[0] == "Local optimum"][-1]
+    assert last == pytest.approx(sample_event().play("local_optimum").ego.y[-1], abs=0.02)
+
+
+def test_the_plan_as_driven_stands_beside_the_plan(opened):
+    page = opened("events/event.html")
+    assert "Local optimum, as driven" in chart(page, "Speed of the AV").inner_text()
+    assert "as driven" not in chart(page, "Jerk charged").inner_text()
+    page.select_option("#accounting", "paper")
+    assert "as driven" not in chart(page, "Speed of the AV").inner_text()
+
+
+@pytest.mark.parametrize("width", [420, 1280])
+def test_labels_of_the_loss_surface_cover_neither_each_other_nor_a_point(opened, width):
+    page = opened("events/event.html", width=width)
+    boxes = "es => es.map(e => { const b = e.getBBox(); return [b.x, b.y, b.x + b.width, b.y + b.height]; })"
+    texts = page.eval_on_selector_all("#surface .halo", boxes)
+    points = page.eval_on_selector_all("#surface .point", boxes)
+    assert len(texts) == len(points) > 2
+    for k, (x0, y0, x1, y1) in enumerate(texts):
+        for u0, v0, u1, v1 in [*texts[:k], *points]:
+            assert x1 <= u0 + 1 or u1 <= x0 + 1 or y1 <= v0 + 3 or v1 <= y0 + 3
+
+
+def test_tables_of_an_event_fit_a_window_of_1280(opened):
+    page = opened("events/event.html")
+    wide = "[...document.querySelectorAll('.scroll')].filter(e => e.scrollWidth > e.clientWidth + 1).length"
+    assert page.evaluate(wide) == 0

@@ -105,3 +105,16 @@ def test_pyplot_is_never_loaded():
         "assert 'matplotlib.pyplot' not in sys.modules\n"
     )
     subprocess.run([sys.executable, "-c", code], check=True)
+
+
+@pytest.mark.parametrize("leader_at", [20.0, 150.0])
+def test_a_metre_across_is_as_long_as_a_metre_along(leader_at):
+    report = sample_event()
+    role, path = next(iter(report.others.items()))
+    moved = replace(path, x=path.x - path.x[0] + leader_at)
+    figure = event_figure(replace(report, others={**report.others, role: moved}))
+    figure.canvas.draw()
+    scene = figure.axes[0]
+    (x0, y0), (x1, y1) = scene.transData.transform([(0.0, 0.0), (10.0, 10.0)])
+    assert x1 - x0 == pytest.approx(y1 - y0, rel=1e-6)
+    assert scene.get_xlim()[1] - scene.get_xlim()[0] >= 199.9

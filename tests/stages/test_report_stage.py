@@ -169,7 +169,7 @@ def test_every_crossing_is_an_event_or_listed_as_excluded(work, made):
     excluded = (made / "excluded.html").read_text(encoding="utf-8")
     for row in artefacts.read(work, "crossings").itertuples():
         assert row.usable == (made / "events" / f"{row.event_id}.html").exists()
-        assert row.usable != (row.event_id in excluded)
+        assert row.usable != (f'<th scope="row">{row.event_id}</th>' in excluded)
 
 
 def test_the_index_gains_are_those_of_the_losses(work, made):
@@ -256,6 +256,18 @@ def test_one_event_leaves_everything_else_alone(work, tmp_path):
         f"{chosen}.{k}" for k in ("html", "png", "pdf", "svg")
     }
     assert (tmp_path / "index.html").read_text() == "old"
+
+
+def test_one_event_is_animated_whether_pictures_are_drawn_or_not(work, tmp_path, monkeypatch):
+    monkeypatch.setattr(report, "event_gif", lambda event: event.event_id.encode())
+    chosen = events(work)[1]
+    request = report.choose(work, ReportSettings(png="none"), reports=tmp_path, events=(chosen,), vector=("gif",))
+    assert report._links([chosen], 0, request).vector == ("gif",)
+    make(work, tmp_path, events=(chosen,), vector=("gif",))
+    assert (tmp_path / "events" / f"{chosen}.gif").read_bytes() == chosen.encode()
+    assert f'href="{chosen}.gif"' in (tmp_path / "events" / f"{chosen}.html").read_text()
+    make(work, tmp_path, events=(chosen,))
+    assert not (tmp_path / "events" / f"{chosen}.gif").exists()
 
 
 def test_unknown_events_and_formats_are_refused(work, tmp_path):

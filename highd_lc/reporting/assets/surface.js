@@ -116,9 +116,15 @@ class SurfaceView {
     return [...circles, ...shown.flatMap(({ policy, x, y }) => this.label(looks[policy].label, x, y, taken))];
   }
 
+  widthOf(text) {
+    this.measure = this.measure || node("canvas", {}).getContext("2d");
+    this.measure.font = `${SMALL ? 14 : 12}px ${getComputedStyle(document.body).fontFamily}`;
+    return this.measure.measureText(text).width;
+  }
+
   /* A label where it covers no point and no other label, as near to its point as that allows, with a line to it. */
   label(text, x, y, taken) {
-    const [width, height] = [text.length * (SMALL ? 7.6 : 6.6), SMALL ? 17 : 14];
+    const [width, height] = [this.widthOf(text), SMALL ? 17 : 15];
     const clear = ([x0, y0, x1, y1]) => x0 > 58 && x1 < 538 && y0 > 14 && y1 < 310
       && !taken.some(([u0, v0, u1, v1]) => x0 < u1 && u0 < x1 && y0 < v1 && v0 < y1);
     const box = ([left, up]) => [x + left, y + up - height / 2, x + left + width, y + up + height / 2];
