@@ -212,11 +212,7 @@ def margins(rows: list[Row]) -> dict[str, Any]:
 def binding(row: Row) -> set[str]:
     """The constraints that shape a plan: those without margin left, or the one that forbids any. row: of plans."""
     forbids = {row["binding"]} if row.get("binding") else set()
-    return forbids | {name for name in _listed(row["at_bound"]) if name not in _UNKNOWNS}
-
-
-def _listed(found: Iterable[str] | None) -> list[str]:
-    return [] if found is None else list(found)
+    return forbids | (set() if row["at_bound"] is None else set(row["at_bound"]) - _UNKNOWNS)
 
 
 _AXES: Final = {"x": "longitudinal", "y": "lateral"}
