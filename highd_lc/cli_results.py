@@ -45,10 +45,10 @@ def _print_confirmed(outcome: Outcome) -> None:
 def _print_fits(work: Path) -> None:
     from highd_lc.io import artefacts
     from highd_lc.reporting.terminal import aims_table, lcm_table, prediction_lines, prediction_table
-    from highd_lc.stages.overview_pages import missing_pages
+    from highd_lc.stages.prediction_tables import is_judged
 
     console.print(lcm_table(artefacts.read(work, "summary_lcm")))
-    if not missing_pages(work):
+    if is_judged(work):
         summary = artefacts.read(work, "prediction_summary")
         console.print(prediction_table(summary))
         lines = prediction_lines(summary, artefacts.read(work, "dose_response"))

@@ -12,7 +12,6 @@ from typing import Any, Final
 import numpy as np
 import pandas as pd
 from markupsafe import Markup
-from numpy.typing import NDArray
 
 from highd_lc.reporting import figures_population as figures
 from highd_lc.reporting import html, labels
@@ -30,7 +29,7 @@ from highd_lc.reporting.pages_data import (
     table_view,
 )
 from highd_lc.reporting.pages_followers import table3_section
-from highd_lc.reporting.pages_population import matrix_section, with_labels
+from highd_lc.reporting.pages_population import distribution_section, extremes_section, matrix_section, with_labels
 from highd_lc.reporting.pages_robust import hidden_words, quoted
 from highd_lc.reporting.pages_studies import pareto_section
 from highd_lc.reporting.run_words import Said
@@ -141,8 +140,8 @@ def _first_looks(tables: IndexTables) -> Iterator[Section]:
     """What a reader looks for: the events at both ends, and how the gains are spread."""
     if not len(tables.losses) or not len(tables.events):
         return
-    yield _extremes_section(tables, _FEW)
-    yield _distribution_section(tables)
+    yield extremes_section(tables.losses, tables.events, _FEW)
+    yield distribution_section(tables.losses, tables.events)
 
 
 def _key(cell: tuple[str, str]) -> str:
@@ -235,8 +234,6 @@ def _bytes(differences: Any) -> str:
     return base64.b64encode(levels.tobytes()).decode("ascii")
 
 
-FloatArray = NDArray[np.float64]
-_EXTREMES: Final = 10
 _NOTHING: Final = 1e-9
 
 
@@ -282,27 +279,15 @@ def _sections(tables: SummaryTables) -> Iterator[Section]:
     if len(tables.losses):
         yield replace(matrix_section(with_labels(tables.matrix)), title="Local optimum against benchmark")
         yield _losses_section(tables)
-        yield _distribution_section(tables)
+        yield distribution_section(tables.losses, tables.events)
         yield _map_section(tables)
-        yield _extremes_section(tables)
+        yield extremes_section(tables.losses, tables.events)
     if len(tables.events):
         yield table3_section(tables.summary_lcm)
     if len(tables.losses):
         yield pareto_section(tables.pareto, tables.pareto_summary)
     yield funnel_section(tables.crossings, tables.further)
     yield quality_section(tables.recordings)
-
-
-def totals(
-    losses: pd.DataFrame, events: pd.DataFrame, form: str, accounting: str
-) -> tuple[FloatArray, FloatArray]:
-    """Total losses of the local optimum and of the benchmark in the order of the events, NaN where undefined."""
-    rows = losses[losses["accounting"] == accounting]
-    benchmark, local = (
-        rows[rows["policy"] == policy].set_index("event_id")["loss_total"].reindex(events["event_id"])
-        for policy in PAIRS[form]
-    )
-    return local.to_numpy(float), benchmark.to_numpy(float)
 
 
 _DIFFERENCE_COLUMNS: Final = (
@@ -350,17 +335,6 @@ def _losses_section(tables: SummaryTables) -> Section:
     )
 
 
-def _distribution_section(tables: IndexTables | SummaryTables) -> Section:
-    gains = {}
-    for form in PAIRS:
-        local, benchmark = totals(tables.losses, tables.events, form, names.PRIMARY_ACCOUNTING)
-        if np.isfinite(local).any():
-            gains[form] = 1.0 - local / benchmark
-    words = "; ".join(f"{labels.FORMS[f]}: median {html.percent(np.nanmedian(g))}" for f, g in gains.items())
-    figure = html.inline_svg(figures.gain_distribution(gains), f"Distribution of the gain over events. {words}")
-    return Section("Distribution of the gain", (f"Accounting “equal”. {words}.",), figure)
-
-
 def _map_section(tables: SummaryTables) -> Section:
     tiles = tables.gain_map
     tiles = tiles[(tiles["form"] == names.FIXED) & (tiles["accounting"] == names.PRIMARY_ACCOUNTING)]
@@ -393,22 +367,3 @@ _MAP_COLUMNS: Final = (
     percentage("gain_high", "to"),
     Column("error_over_effect", "Error over effect", digits=1),
 )
-
-
-def _extremes_section(tables: IndexTables | SummaryTables, most: int = _EXTREMES) -> Section:
-    local, benchmark = totals(tables.losses, tables.events, names.FIXED, names.PRIMARY_ACCOUNTING)
-    frame = tables.events[["event_id", "ego_class", "direction"]].assign(
-        benchmark=benchmark, local=local, gain=100.0 * (1.0 - local / benchmark)
-    )
-    ranked = frame.dropna(subset="gain").sort_values(["gain", "event_id"], ascending=[False, True])
-    columns = (
-        Column("event_id", "Event", link="events/{}.html"),
-        Column("ego_class", "Class"),
-        Column("direction", "Direction"),
-        Column("benchmark", "Benchmark", digits=2),
-        Column("local", "Local optimum", digits=2),
-        Column("gain", "Gain", "%", 2),
-    )
-    best = table_view(ranked.head(most), columns, "Largest gains")
-    worst = table_view(ranked.iloc[::-1].head(most), columns, "Smallest gains")
-    return Section("Best and worst events", ("Fixed end speed, accounting “equal”.",), tables=(best, worst))

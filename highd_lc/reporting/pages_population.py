@@ -7,8 +7,10 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Final
 
+import numpy as np
 import pandas as pd
 from markupsafe import Markup
+from numpy.typing import NDArray
 
 from highd_lc.reporting import figures_population as figures
 from highd_lc.reporting import html, labels
@@ -16,8 +18,11 @@ from highd_lc.reporting.certainty_words import multiplicity, no_interval
 from highd_lc.reporting.figures_population import ALL, start_figure
 from highd_lc.reporting.pages_data import Column, Section, TableView, overview_page, percentage, table_view
 from highd_lc.vocab import names
+from highd_lc.vocab.policy import PAIRS
 from highd_lc.vocab.tables import TABLES
 from highd_lc.vocab.tables import columns as schema
+
+FloatArray = NDArray[np.float64]
 
 _MATRIX_COLUMNS: Final = (
     Column("form_label", "Form"),
@@ -319,3 +324,47 @@ def _foresight_section(summary: pd.DataFrame) -> Section:
     )
     title = "What knowing the leaders is worth"
     return Section(title, text, tables=(table_view(rows, columns),), anchor="foresight")
+
+
+def totals(
+    losses: pd.DataFrame, events: pd.DataFrame, form: str, accounting: str
+) -> tuple[FloatArray, FloatArray]:
+    """Total losses of the local optimum and of the benchmark in the order of the events, NaN where undefined."""
+    rows = losses[losses["accounting"] == accounting]
+    benchmark, local = (
+        rows[rows["policy"] == policy].set_index("event_id")["loss_total"].reindex(events["event_id"])
+        for policy in PAIRS[form]
+    )
+    return local.to_numpy(float), benchmark.to_numpy(float)
+
+
+def distribution_section(losses: pd.DataFrame, events: pd.DataFrame) -> Section:
+    """How the gain is spread over the events in each form, accounting “equal”."""
+    gains = {}
+    for form in PAIRS:
+        local, benchmark = totals(losses, events, form, names.PRIMARY_ACCOUNTING)
+        if np.isfinite(local).any():
+            gains[form] = 1.0 - local / benchmark
+    words = "; ".join(f"{labels.FORMS[f]}: median {html.percent(np.nanmedian(g))}" for f, g in gains.items())
+    figure = html.inline_svg(figures.gain_distribution(gains), f"Distribution of the gain over events. {words}")
+    return Section("Distribution of the gain", (f"Accounting “equal”. {words}.",), figure)
+
+
+def extremes_section(losses: pd.DataFrame, events: pd.DataFrame, most: int = 10) -> Section:
+    """The events with the largest and the smallest gain. most: how many of each."""
+    local, benchmark = totals(losses, events, names.FIXED, names.PRIMARY_ACCOUNTING)
+    frame = events[["event_id", "ego_class", "direction"]].assign(
+        benchmark=benchmark, local=local, gain=100.0 * (1.0 - local / benchmark)
+    )
+    ranked = frame.dropna(subset="gain").sort_values(["gain", "event_id"], ascending=[False, True])
+    columns = (
+        Column("event_id", "Event", link="events/{}.html"),
+        Column("ego_class", "Class"),
+        Column("direction", "Direction"),
+        Column("benchmark", "Benchmark", digits=2),
+        Column("local", "Local optimum", digits=2),
+        Column("gain", "Gain", "%", 2),
+    )
+    best = table_view(ranked.head(most), columns, "Largest gains")
+    worst = table_view(ranked.iloc[::-1].head(most), columns, "Smallest gains")
+    return Section("Best and worst events", ("Fixed end speed, accounting “equal”.",), tables=(best, worst))
