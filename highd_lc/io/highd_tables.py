@@ -248,7 +248,7 @@ def _doubled(path: Path, columns: Columns, place: IntArray) -> IntArray:
     return again
 
 
-UPPER = 1
+UPPER, LOWER = 1, 2
 
 
 @dataclass(frozen=True)

@@ -123,6 +123,15 @@ class PredictionTrace:
 
 
 @dataclass(frozen=True)
+class Ground:
+    """The road from above as JPEG, and where its ends are in the event's frame [m]: left, right; lower, upper."""
+
+    jpeg: bytes
+    x: tuple[float, float]
+    y: tuple[float, float]
+
+
+@dataclass(frozen=True)
 class EventReport:
     """Everything that a page or a figure shows of one event.
 
@@ -131,7 +140,7 @@ class EventReport:
     markings of the carriageway, ascending [m]. boxes: of each role. others: motions of the roles that no policy
     moves; observed: how many of their samples were recorded, the rest is predicted. leads: from which sample on
     which of them leads the target lane ("" = nobody). provenance: labels, values. identified: of the run, rows of
-    ``identifiability`` by parameter.
+    ``identifiability`` by parameter. ground: a picture of the road, on pages that are not shared.
     """
 
     event: Row
@@ -154,6 +163,7 @@ class EventReport:
     provenance: tuple[tuple[str, str], ...] = ()
     leads: tuple[tuple[int, str], ...] = ()
     identified: Mapping[str, Row] = field(default_factory=dict)
+    ground: Ground | None = None
 
     @property
     def event_id(self) -> str:

@@ -15,7 +15,16 @@ from numpy.typing import NDArray
 
 from highd_lc.core.kinematics import known_spans, level_differences
 from highd_lc.reporting import labels
-from highd_lc.reporting.event import EventReport, FitTrace, Path, Play, PredictionTrace, Surface, TrackTrace
+from highd_lc.reporting.event import (
+    EventReport,
+    FitTrace,
+    Ground,
+    Path,
+    Play,
+    PredictionTrace,
+    Surface,
+    TrackTrace,
+)
 from highd_lc.vocab import names
 from highd_lc.vocab.policy import PAIRS
 
@@ -73,8 +82,14 @@ def event_payload(report: EventReport, *, raw: bool = False) -> dict[str, Any]:
         "surface": None if report.surface is None else _surface(report.surface, report),
         "fits": {str(rank): _fit(trace, step) for rank, trace in report.fit_traces.items()},
         "tracks": [_track(trace, drive) for trace in report.track_traces],
+        "ground": _ground(report.ground) if raw and report.ground else None,
         "prediction": None if report.prediction is None else _prediction(report.prediction, step),
     }
+
+
+def _ground(ground: Ground) -> dict[str, Any]:
+    picture = base64.b64encode(ground.jpeg).decode("ascii")
+    return {"href": f"data:image/jpeg;base64,{picture}", "x": list(ground.x), "y": list(ground.y)}
 
 
 def _rounded(value: float, step: float) -> float | None:

@@ -7,7 +7,7 @@ What the policies did in an event, replayed from the tabulated plans for drawing
 
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cache
 from typing import Any, Final
 
@@ -28,17 +28,9 @@ from highd_lc.planning.scene import PackedScene, Scene
 from highd_lc.planning.start_planner import key_of, replay_start
 from highd_lc.planning.starts import Key, StartProblem, pose_starts
 from highd_lc.reporting import labels
-from highd_lc.reporting.event import (
-    Box,
-    EventReport,
-    FitTrace,
-    Path,
-    Play,
-    Row,
-    Surface,
-    TrackTrace,
-)
+from highd_lc.reporting.event import Box, EventReport, FitTrace, Ground, Path, Play, Row, Surface, TrackTrace
 from highd_lc.stages.closed_loop import DRIVES, MOTIONS, REPLANS, loop_plays
+from highd_lc.stages.road_images import grounds
 from highd_lc.stages.scene_drivers import Columns
 from highd_lc.stages.scenes import SceneTables, leads, read_scene_tables, surrounding
 from highd_lc.stages.trajectories import prediction_trace
@@ -139,9 +131,8 @@ def _track_trace(problem: PlanningProblem, policy: str, T: float, x_final: float
     settings = problem.settings.tracking
     shared = _controller(settings, scene.dt)
     reference = plan_reference(plan, scene.dt)
-    errors, inputs, states = errors_and_inputs(
-        reference, wheelbase=scene.wheelbase, settings=settings, shared=shared
-    )
+    driven = errors_and_inputs(reference, wheelbase=scene.wheelbase, settings=settings, shared=shared)
+    errors, inputs, states = driven
     return TrackTrace(
         policy=policy,
         plant=KINEMATIC,
@@ -260,7 +251,8 @@ _DRIVEN: Final = (DRIVES, REPLANS, MOTIONS)
 @dataclass(frozen=True)
 class RecordingTables:
     """What the artefacts hold of one recording; tracks by event and role, other rows by table and event; behind:
-    rows of ``trajectories`` behind the recorded ego, by event; identified: rows of ``identifiability``.
+    rows of ``trajectories`` behind the recorded ego, by event; identified: rows of ``identifiability``; grounds:
+    pictures of the road by event.
     """
 
     scenes: SceneTables
@@ -273,6 +265,7 @@ class RecordingTables:
     behind: Mapping[str, pd.DataFrame]
     identified: Mapping[str, Row]
     provenance: tuple[tuple[str, str], ...]
+    grounds: Mapping[str, Ground] = field(default_factory=dict)
 
 
 def read_tables(job: Job) -> RecordingTables:
@@ -297,6 +290,7 @@ def read_tables(job: Job) -> RecordingTables:
         markings=dict(zip(roads["driving_direction"], roads["markings"], strict=True)),
         rows={**rows, "followers": _by_event(scenes.followers)},
         identified={row["parameter"]: row for row in identified},
+        grounds=grounds(job, scenes.events, roads) if job.settings.report.raw else {},
         behind={str(event): rows for event, rows in behind.groupby("event_id")},
         provenance=_provenance(job),
     )
@@ -360,6 +354,7 @@ def event_report(event: Row, tables: RecordingTables, scene: Scene, settings: Va
         provenance=tables.provenance,
         leads=leads(scene),
         identified=tables.identified,
+        ground=tables.grounds.get(event_id),
         prediction=prediction_trace(tables.behind.get(event_id), settings.follower_models[0]),
     )
 

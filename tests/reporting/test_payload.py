@@ -1,5 +1,6 @@
 import base64
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,6 +10,7 @@ from hypothesis.extra.numpy import arrays
 from sample_event import sample_event
 
 from highd_lc.reporting import payload
+from highd_lc.reporting.event import Ground
 from highd_lc.vocab import names
 
 
@@ -111,3 +113,11 @@ def test_unknown_surface_cells_are_marked():
 
 def test_payload_is_plain_json():
     json.dumps(payload.event_payload(sample_event(1)), allow_nan=False)
+
+
+def test_a_picture_of_the_road_is_on_pages_alone_that_are_not_shared():
+    report = replace(sample_event(), ground=Ground(b"jpeg", (-100.0, 300.0), (-6.0, 10.0)))
+    assert payload.event_payload(report)["ground"] is None
+    ground = payload.event_payload(report, raw=True)["ground"]
+    assert ground["href"] == f"data:image/jpeg;base64,{base64.b64encode(b'jpeg').decode()}"
+    assert (ground["x"], ground["y"]) == ([-100.0, 300.0], [-6.0, 10.0])

@@ -43,8 +43,14 @@ class RoadView {
     const { divider, markings } = this.data;
     const outermost = (y) => y === markings[0] || y === markings[markings.length - 1];
     const lines = [this.top, this.bottom, divider].map((y) => line(outermost(y) ? "edge" : "marking", y));
+    const { ground } = this.data;
+    this.picture = ground && mark("image", {
+      href: ground.href, preserveAspectRatio: "none", width: ((ground.x[1] - ground.x[0]) * this.scale).toFixed(1),
+      y: this.y(ground.y[1]).toFixed(1), height: (this.y(ground.y[0]) - this.y(ground.y[1])).toFixed(1),
+    });
     this.ground.replaceChildren(
-      mark("rect", { class: "lane", x: 0, width: ROAD.width, y: this.y(this.top), height: this.y(this.bottom) - this.y(this.top) }),
+      ...(this.picture ? [this.picture] : []),
+      mark("rect", { class: this.picture ? "lane seen" : "lane", x: 0, width: ROAD.width, y: this.y(this.top), height: this.y(this.bottom) - this.y(this.top) }),
       ...lines);
     this.dashed = lines.filter((element) => element.classList.contains("marking"));
   }
@@ -53,6 +59,7 @@ class RoadView {
   draw(t, play, compared) {
     const camera = at(play.ego.x, t, this.data.dt);
     if (!Number.isFinite(camera)) return;
+    if (this.picture) this.picture.setAttribute("x", this.x(this.data.ground.x[0], camera).toFixed(1));
     for (const line of this.dashed) line.setAttribute("stroke-dashoffset", ((camera * this.scale) % 24).toFixed(1));
     const parts = [...this.distances(camera), this.trail(play, camera), ...this.plan(t, play, camera)];
     if (compared) parts.push(this.trail(compared, camera), ...this.ghosts(t, compared, camera));
