@@ -93,7 +93,7 @@ check: setup-dev
 
 ## docs         the documentation as a site in site/
 docs: setup-dev
-	@NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --quiet
+	@NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build
 	@echo "site/index.html"
 
 ## wheel        the wheel in dist/, tried outside of the checkout

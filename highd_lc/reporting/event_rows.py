@@ -385,10 +385,8 @@ def _margin_line(row: Line) -> str:
     head = f'<tr><th scope="row">{_word(row["name"])}</th><td class="unit">{_word(row["unit"])}</td>'
     margins = cells(row["margins"], 2)
     if row["binds"]:
-        parts = margins.split('<td class="n')
-        margins = parts[0] + "".join(
-            [f'<td class="{"binding " * (k in row["binds"])}n{part}' for k, part in enumerate(parts[1:])]
-        )
+        parts = enumerate(margins.split('<td class="n')[1:])
+        margins = "".join([f'<td class="{"binding " * (k in row["binds"])}n{part}' for k, part in parts])
     return f"{head}{margins}{cells(row['rejected'], 0)}</tr>\n"
 
 
