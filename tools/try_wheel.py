@@ -1,4 +1,4 @@
-"""The door as somebody finds it who has no checkout: build the wheel, install it, run the README's ten lines.
+"""The wheel as somebody finds it who has no checkout: install it, run the README's ten lines, and every stage.
 
     python tools/try_wheel.py FOLDER
 
@@ -9,6 +9,7 @@ folder in which everything runs. It takes some minutes, most of them for compili
 
 import os
 import re
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -59,8 +60,20 @@ def main() -> None:
     print(said.strip())
     left = sorted(path.name for path in empty.iterdir())
     print(f"left in the working folder: {left or 'nothing'}")
-    if milliseconds > IMPORT_MS or str(ROOT) in said or left:
+    page = whole_run(programs / "highd-lc", folder / "run")
+    print(f"a whole run ends with {page}")
+    if milliseconds > IMPORT_MS or str(ROOT) in said or left or not page.is_file():
         sys.exit(1)
+
+
+def whole_run(program: Path, place: Path) -> Path:
+    """The first page of a run of every stage, by a pipeline that has little to do."""
+    shutil.rmtree(place, ignore_errors=True)
+    place.mkdir()
+    shutil.copy(ROOT / "tests" / "faults" / "quick.toml", place)
+    run(program, "synthesize", "data", "--recordings", "2", "--seconds", "20", inside=place)
+    run(program, "run", "--data", "data", "--pipeline", "quick.toml", inside=place)
+    return place / "reports" / "index.html"
 
 
 if __name__ == "__main__":
