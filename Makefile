@@ -96,7 +96,7 @@ docs: setup-dev
 	@NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build
 	@echo "site/index.html"
 
-## wheel        the wheel in dist/, tried outside of the checkout
+## wheel        the wheel, in build/wheel/, tried outside of the checkout
 wheel: setup-dev
 	@$(BIN)/python tools/try_wheel.py build/wheel
 
@@ -110,6 +110,6 @@ bench: setup-dev
 bench-full: setup-dev
 	@$(BIN)/python benchmarks/full_scale.py --workers "$$WORKERS" $$ARGS
 
-## clean        remove work, build and dist
+## clean        remove work, build, dist and site
 clean:
 	@rm -rf work build dist site

@@ -3,6 +3,7 @@
     python docs/write_results.py                        render what docs/results.json holds into the pages
     python docs/write_results.py --check                exit with 1 if the pages say something else
     python docs/write_results.py --run demo=WORK ...    read the numbers of finished runs first
+    python docs/write_results.py --example WORK REPORTS    copy the pages in docs/example from a finished run
 
 Runs: demo, us101 (gains, price of safety), mixture, idm, lcm (prediction), planners (other people's planners);
 docs/results.json has the command that makes each one's work folder. Each table stands between
@@ -13,6 +14,7 @@ import argparse
 import json
 import math
 import re
+import shutil
 import sys
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
@@ -262,6 +264,19 @@ def draw(store: Store, path: Path) -> None:
     figure.savefig(path, dpi=144, metadata={"Software": None})
 
 
+def copy_example(work: Path, reports: Path) -> None:
+    """Copy the page and picture of the event with the largest gain, and the page of the matrix."""
+    losses = artefacts.read(
+        work, "losses", columns=["event_id", "followers", "policy", "accounting", "loss_total"]
+    )
+    rows = losses[(losses["followers"] == names.POPULATION) & (losses["accounting"] == names.PRIMARY_ACCOUNTING)]
+    wide = rows.pivot_table(index="event_id", columns="policy", values="loss_total")
+    event = (1.0 - wide[names.LOCAL_OPTIMUM] / wide[names.BENCHMARK]).idxmax()
+    pages = {f"events/{event}.html": "event.html", f"events/{event}.png": "event.png"}
+    for source, target in {**pages, "matrix.html": "validation_matrix.html"}.items():
+        shutil.copyfile(reports / source, PICTURE.with_name(target))
+
+
 def main() -> int:
     """Read, render, or check."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -271,7 +286,10 @@ def main() -> int:
     parser.add_argument(
         "--check", action="store_true", help="change nothing, exit with 1 if a page is not as written"
     )
+    parser.add_argument("--example", nargs=2, type=Path, metavar=("WORK", "REPORTS"), help="for docs/example")
     options = parser.parse_args()
+    if options.example:
+        copy_example(*options.example)
     store: Store = json.loads(STORE.read_text("utf-8"))
     for name, _, work in (run.partition("=") for run in options.run):
         store[name] |= read_run(Path(work))
