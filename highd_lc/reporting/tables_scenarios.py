@@ -6,6 +6,7 @@ What the scenarios' pages say: words beside each figure, and what the pages begi
 from collections.abc import Iterable, Mapping
 from typing import Any, Final
 
+import numpy as np
 import pandas as pd
 from markupsafe import Markup
 
@@ -52,7 +53,8 @@ WORDS: Final = {
         "Scenario 2: speed over space and time (figures 12 and 13)",
         "Cells by exact clipping; where nobody was, the map is empty. With the end speed fixed the AV stays "
         "as slow "
-        "as it came, and the platoon behind it with it.",
+        "as it came, and the platoon behind it with it. With the AV at 15 m/s and 10 m between centres HV 1 "
+        "drives into it: that row shows what the equations give, and counts for nothing.",
         "Speed maps of both policies and their difference for the AV at 15 and 20 m/s.",
     ),
     "rectangle": Words(
@@ -336,32 +338,37 @@ REACH_MPS: Final = 0.05
 def reach(growth: pd.DataFrame) -> pd.DataFrame:
     """How far up the platoon the local optimum helps: last follower whose undershoot it lowers by 0.05 m/s.
 
-    growth: rows of ``growth``. Columns drivers, scenario, first_benchmark, first_local [m/s], last_helped,
-    last_harmed (ranks, 0 = none), delay_saved_s (summed over the platoon).
+    growth: rows of ``growth``, NaN where somebody drives into another. Columns drivers, scenario, first_benchmark,
+    first_local [m/s], last_helped, last_harmed (ranks, 0 = none), delay_saved_s (summed over the platoon).
     """
-    wide = growth.pivot_table(
-        index=["drivers", "scenario", "follower"],
-        columns="policy",
-        values=["undershoot_mps", "delay_s"],
-        sort=False,
+    key = ["drivers", "scenario", "follower"]
+    benchmark, local = (
+        growth[growth["policy"] == policy].set_index(key)[["undershoot_mps", "delay_s"]] for policy in WEIGHTS
     )
     rows = []
-    for (drivers, scenario), part in wide.groupby(level=["drivers", "scenario"], sort=False):
-        drop, delay = part["undershoot_mps"], part["delay_s"]
-        gained = drop["benchmark"] - drop["local_optimum"]
+    pairs = benchmark.add_suffix("_0").join(local.add_suffix("_1"))
+    for (drivers, scenario), part in pairs.groupby(level=["drivers", "scenario"], sort=False):
+        gained = part["undershoot_mps_0"] - part["undershoot_mps_1"]
         ranks = part.index.get_level_values("follower")
         rows.append(
             {
                 "drivers": drivers,
                 "scenario": scenario,
-                "first_benchmark": drop["benchmark"].iloc[0],
-                "first_local": drop["local_optimum"].iloc[0],
-                "last_helped": ranks[gained > REACH_MPS].max() if (gained > REACH_MPS).any() else 0,
-                "last_harmed": ranks[gained < -REACH_MPS].max() if (gained < -REACH_MPS).any() else 0,
-                "delay_saved_s": float((delay["benchmark"] - delay["local_optimum"]).sum()),
+                "first_benchmark": part["undershoot_mps_0"].iloc[0],
+                "first_local": part["undershoot_mps_1"].iloc[0],
+                "last_helped": _last(gained, gained > REACH_MPS, ranks),
+                "last_harmed": _last(gained, gained < -REACH_MPS, ranks),
+                "delay_saved_s": float((part["delay_s_0"] - part["delay_s_1"]).sum(min_count=1)),
             }
         )
     return pd.DataFrame(rows)
+
+
+def _last(gained: pd.Series, chosen: pd.Series, ranks: pd.Index) -> float:
+    """The last rank that is chosen, 0 = none; NaN where nothing is known, because somebody drives into another."""
+    if gained.isna().all():
+        return np.nan
+    return float(ranks[chosen].max()) if chosen.any() else 0.0
 
 
 def _reach(frames: Frames) -> Tables:
@@ -376,7 +383,6 @@ def _reach(frames: Frames) -> Tables:
     )
     caption = (
         f"Helped, harmed: the local optimum changes the undershoot by more than {html.number(REACH_MPS)} m/s; "
-        f"0 = nobody. "
-        "The delay is taken at the end of the run."
+        f"0 = nobody. The delay is taken at the end of the run. “–”: somebody drives into the vehicle ahead."
     )
     return [table_view(_worded(reach(frames["growth"])), columns, caption)], []

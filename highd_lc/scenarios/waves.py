@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from highd_lc.core.lcm import desired_spacing, equilibrium_spacing
-from highd_lc.scenarios.platoon import Platoon, PlatoonStart, Situation, situation
+from highd_lc.scenarios.platoon import Platoon, PlatoonStart, Situation, gaps, situation
 from highd_lc.scenarios.run import Cell, av_lead, drive_behind, no_lane_change, plan_situation
 from highd_lc.vocab.driver import SIMULATION, TABLE3_MEANS, TABLE3_QUANTILES
 from highd_lc.vocab.scenarios import ScenarioSettings
@@ -149,8 +149,9 @@ def _growth(name: str, posed: Situation, settings: ScenarioSettings) -> Iterator
         if plan is None:
             continue
         driven = drive_behind(posed, av_lead(posed, plan))
+        met = bool(gaps(driven).min() < 0.0)
         for rank, values in enumerate(zip(*drops(driven, unchanged), strict=True), start=1):
-            dip, below, delay = (float(value) for value in values)
+            dip, below, delay = (np.nan if met else float(value) for value in values)
             yield {
                 "drivers": name,
                 "scenario": posed.key,
@@ -159,6 +160,7 @@ def _growth(name: str, posed: Situation, settings: ScenarioSettings) -> Iterator
                 "dip_mps": dip,
                 "undershoot_mps": below,
                 "delay_s": delay,
+                "collision": met,
             }
 
 

@@ -19,7 +19,7 @@ from highd_lc.scenarios import waves
 from highd_lc.scenarios.arithmetic import arithmetic_rows
 from highd_lc.scenarios.claims import claim_rows
 from highd_lc.scenarios.ledger import Book, closest_rows, ledger_rows, rows_of_printed_state, value_of
-from highd_lc.scenarios.platoon import Platoon, situations
+from highd_lc.scenarios.platoon import Platoon, gaps, situations
 from highd_lc.scenarios.run import (
     DEFAULT,
     Cell,
@@ -47,6 +47,7 @@ from highd_lc.vocab.errors import ArtefactError
 from highd_lc.vocab.job import Provenance
 from highd_lc.vocab.scenarios import ScenarioSettings
 from highd_lc.vocab.tables import TABLES
+from highd_lc.vocab.tables.scenarios import COLLISION
 
 FloatArray = NDArray[np.float64]
 Row = dict[str, Any]
@@ -185,6 +186,8 @@ def wave_rows(stories: dict[str, Story], settings: ScenarioSettings) -> list[Row
         for policy, platoon in story.platoons.items():
             rng = np.random.default_rng([settings.seed, number])
             found = wave_speed(*_disturbance(platoon, story.unchanged), dt=settings.vehicle.dt_s, rng=rng)
+            if gaps(platoon).min() < 0.0:
+                found = WaveSpeed(np.nan, np.nan, np.nan, 0, np.nan, COLLISION)
             rows.append({"scenario": story.key, "policy": policy, **wave_columns(found)})
     return rows
 

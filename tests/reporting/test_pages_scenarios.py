@@ -226,6 +226,13 @@ def test_reach_is_the_last_follower_helped_or_harmed():
     assert row["delay_saved_s"] == pytest.approx(6.5 - 4.42)
 
 
+def test_where_somebody_drives_into_another_nothing_is_reached():
+    hit = growth([3.0, 2.0], [np.nan, np.nan])
+    (row,) = reach(hit).to_dict("records")
+    assert row["first_benchmark"] == 3.0
+    assert np.isnan([row["last_helped"], row["last_harmed"], row["delay_saved_s"]]).all()
+
+
 def test_growth_figure_has_a_panel_a_scenario():
     stability = pd.DataFrame({"drivers": ["d", "d"], "speed_mps": [10.0, 20.0], "gain": [1.1, 1.0]})
     figure = growth_figure(stability, growth([3.0, 2.0], [1.0, 1.5]))

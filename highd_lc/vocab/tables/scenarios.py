@@ -235,7 +235,7 @@ WAVES = Table(
         number("high_mps", "upper end of its interval", "m/s"),
         count("pairs", "pairs of positions that were correlated"),
         number("correlation", "mean correlation at the best lag"),
-        word("status", "estimated, or why not"),
+        word("status", "estimated, or why not; collision: somebody drives into the vehicle ahead"),
     ),
 )
 
@@ -251,6 +251,7 @@ GROWTH = Table(
         number("dip_mps", "largest drop below the speed without lane change", "m/s"),
         number("undershoot_mps", "largest drop below the speed that lasts, the AV's at the end", "m/s"),
         number("delay_s", "delay against no lane change at the end of the run", "s"),
+        Column("collision", "bool", "whether somebody drives into the vehicle ahead: nothing else is told then"),
     ),
 )
 
