@@ -125,12 +125,12 @@ def preview(pipeline_run, work: Path, **report: object) -> dict[str, dict[str, o
 def test_a_dry_run_says_what_would_run_and_writes_nothing(pipeline_run, tmp_path):
     before = everything_below(pipeline_run.work.parent)
     done = preview(pipeline_run, pipeline_run.work)
-    assert [(row["to_do"], row["combines"]) for row in done.values()] == [(0, False)] * 5
+    assert [(row["to_do"], row["combines"]) for row in done.values()] == [(0, False)] * 6
     redrawn = preview(pipeline_run, pipeline_run.work, png="none")
     assert {name for name, row in redrawn.items() if row["to_do"]} == {"report"}
     assert everything_below(pipeline_run.work.parent) == before
     anew = preview(pipeline_run, tmp_path / "work")
-    assert [row["to_do"] for row in anew.values()] == [2, 2, 2, 2, None]
+    assert [row["to_do"] for row in anew.values()] == [2, 2, 2, 2, 2, None]
     assert not (tmp_path / "work").exists()
 
 

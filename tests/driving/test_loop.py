@@ -59,7 +59,7 @@ def test_who_knows_everything_and_plans_once_drives_what_the_planner_replays(see
         np.testing.assert_allclose(getattr(found.av, name), getattr(wanted.av, name), atol=1e-9, err_msg=name)
     for name in ("x", "v", "a", "clearance_to_T", "clearance_after_T"):
         np.testing.assert_allclose(getattr(found, name), getattr(wanted, name), atol=1e-9, err_msg=name)
-    losses = charges.cumulative_losses(wanted, problem.terms, problem.settings.loss, problem.scene.dt)
+    losses = charges.cumulative_losses(wanted, problem.terms, problem.scene.dt)
     table = charges.losses_at(losses, names.EQUAL, problem.terms, n=wanted.av.n, dt=problem.scene.dt)
     assert losses_of(problem, loop) == pytest.approx((table["loss_av"], table["loss_hv"]), rel=1e-12)
     assert len(loop.replans) == 1

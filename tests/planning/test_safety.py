@@ -20,7 +20,9 @@ from highd_lc.vocab import names
 from highd_lc.vocab.settings import ValidateSettings
 
 PRACTICE = ValidateSettings()
-OLD = ValidateSettings.model_validate({"safety": {"profile": "paper"}, "loss": {"handover": "uncounted"}})
+OLD = ValidateSettings.model_validate(
+    {"safety": {"profile": "paper"}, "loss": {"handover": "uncounted"}, "planner": {"x_nodes": 32}}
+)
 GOLDEN = Path(__file__).parents[1] / "fixtures" / "paper_plans.json"
 DURATIONS = np.array([30, 57, 100])
 

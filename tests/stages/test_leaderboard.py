@@ -114,6 +114,7 @@ def test_a_planner_s_source_is_part_of_what_a_run_depends_on(importable):
 
 def test_times_go_to_the_log_and_not_into_tables(work):
     log = pd.read_json(work / "run.log", lines=True)
+    log = log[log["planner"].notna()]  # drives in the closed loop have times there too
     assert set(log["planner"]) == {"fixed_quintic", "sometimes", "local_optimum"}
     assert (log["ms_median"] >= 0.0).all()
     assert np.isfinite(log["ms_largest"]).all()

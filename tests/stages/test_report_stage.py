@@ -233,7 +233,7 @@ def test_one_event_leaves_everything_else_alone(work, make, tmp_path):
     assert (tmp_path / "index.html").read_text() == "old"
 
 
-def test_one_event_is_animated_whether_pictures_are_drawn_or_not(work, tmp_path, monkeypatch):
+def test_one_event_is_animated_whether_pictures_are_drawn_or_not(make, work, tmp_path, monkeypatch):
     monkeypatch.setattr(report, "event_gif", lambda event: event.event_id.encode())
     chosen = events(work)[1]
     request = report.choose(work, ReportSettings(png="none"), reports=tmp_path, events=(chosen,), vector=("gif",))
