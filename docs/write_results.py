@@ -52,17 +52,29 @@ Store = dict[str, dict[str, Any]]
 
 
 def read_run(work: Path) -> dict[str, Any]:
-    """What the pages say of a finished run."""
+    """What the pages say of a finished run; of one up to calibrate, how followers are predicted."""
     found: dict[str, Any] = {"code": code_version(), "seconds": _seconds(work)}
-    readers = {"skill": _skill, "gain": _gain, "ratio": _ratio, "price": _price, "planners": _planners}
-    for name, reader in readers.items():
-        found[name] = reader(work)
+    readers = {
+        "skill": (_skill, "prediction_summary"),
+        "gain": (_gain, "validation_matrix"),
+        "ratio": (_ratio, "losses"),
+        "price": (_price, "safety_price"),
+        "planners": (_planners, "leaderboard"),
+    }
+    for name, (reader, table_) in readers.items():
+        if artefacts.path_of(work, table_).is_file():
+            found[name] = reader(work)
     return found
 
 
 def _seconds(work: Path) -> dict[str, float]:
-    entries = [json.loads(line) for line in (work / "run.log").read_text("utf-8").splitlines()]
-    return {entry["stage"]: entry["seconds"] for entry in entries if "seconds" in entry and "stage" in entry}
+    """Of each stage the longest time in the log: later runs skip what is up to date."""
+    found: dict[str, float] = {}
+    for line in (work / "run.log").read_text("utf-8").splitlines():
+        entry = json.loads(line)
+        if "seconds" in entry:
+            found[entry["stage"]] = max(entry["seconds"], found.get(entry["stage"], 0.0))
+    return found
 
 
 def _skill(work: Path) -> dict[str, Any]:
