@@ -6,14 +6,13 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from highd_lc.core.losses import speed_difference
 from highd_lc.core.quintic import Quintic
 from highd_lc.planning.crowd import Crowd
 from highd_lc.planning.later import own_lane
 from highd_lc.planning.limits import started_violation
 from highd_lc.planning.planner import PlanningProblem, rejections
 from highd_lc.planning.pool import Goal, Pool, Task
-from highd_lc.planning.replay import AvMotion, clearances, drive_on, follow, plan_motion
+from highd_lc.planning.replay import AvMotion, av_charge, clearances, drive_on, follow, plan_motion
 from highd_lc.planning.safety import binding
 from highd_lc.planning.scene import NOT_YET, Motion, PackedScene
 from highd_lc.planning.search import search
@@ -141,7 +140,7 @@ def way_back(posed: Posed, origin_leader: Motion | None) -> Quintic | None:
                 continue
             plan = Quintic(scene.v0, 0.0, T, scene.v0 * T + delta, scene.v0 + change, scene.start)
             av = _back(plan, lane)
-            loss = _own_loss(av, problem)
+            loss = float(av_charge(av, problem.terms).loss[-1])
             if loss < least and _clear(av, scene, lane):
                 best, least = plan, loss
     return best
@@ -151,12 +150,6 @@ def _back(plan: Quintic, lane: PackedScene) -> AvMotion:
     av = replace(plan_motion(plan, lane), crossing=len(lane.target_v))
     drive_on(av.x, av.y, av.vx, av.ax, av.jerk, av.n, lane)
     return av
-
-
-def _own_loss(av: AvMotion, problem: PlanningProblem) -> float:
-    terms = problem.terms
-    slow = speed_difference(np.hypot(av.vx, av.vy), terms.av_ref, one_sided=terms.one_sided)
-    return float(terms.comfort * av.jerk.sum() + terms.efficiency * slow.sum())
 
 
 def _clear(av: AvMotion, scene: PackedScene, lane: PackedScene) -> bool:
