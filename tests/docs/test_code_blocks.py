@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 from code_blocks import QUICK, ROOT, RUN, Session, blocks, pages
+from shared_runs import copied
 
 FIXTURES = ROOT / "tests" / "fixtures"
 PAGES = pages()
@@ -19,14 +20,15 @@ def name_of(page: Path) -> str:
 
 
 @pytest.fixture(scope="module")
-def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Two small recordings where HighD's go, and what a short run makes of them."""
+def place(quick_run, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Two small recordings where HighD's go, and what a short run made of them."""
     root = tmp_path_factory.mktemp("documented")
     data = root / "data" / "highd"
     data.mkdir(parents=True)
     for path in FIXTURES.glob("*.csv"):
         shutil.copy(path, data)
     shutil.copytree(ROOT / "examples", root / "examples")
+    copied(quick_run, root)
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(root)
         Session(root).command(f"highd-lc run --data data/highd --pipeline '{QUICK}'")

@@ -108,7 +108,10 @@ _FILLED = {"vehicles", "recordings", "crossings", "summary_lcm"}
 
 def test_no_plan_that_can_be_driven_is_a_result(tmp_path: Path, report: Callable[[Settings], Outcome]) -> None:
     settings = _changed(
-        validate={"constraints": {"jerk": 0.01}, "studies": {"foresight_sample": 1, "solver_sample": 1}}
+        validate={
+            "constraints": {"jerk": 0.01},
+            "studies": {"foresight_sample": 1, "solver_sample": 1, "solver_starts": 1},
+        }
     )
     outcome = report(settings)
     assert not outcome.problems

@@ -144,7 +144,7 @@ def _av(n: IntArray, delta: FloatArray, change: FloatArray, scene: PackedScene, 
     y, vy, jy = (lateral(u, T, scene, order) for order in (0, 1, 3))
     jerk = np.abs(jx) + np.abs(jy)
     a = np.zeros_like(x)
-    for i in k:
+    for i in k[n.min() :]:
         after = i >= n
         if scene.after_lcm:
             spacing = scene.target_front[i] - x[:, i] - scene.length / 2
@@ -236,13 +236,14 @@ def _react(
     for k in range(ahead.shape[1]):
         spacing, v_leader, now, L = ahead[:, k] - front[:, k], ahead_v[:, k], v[:, k], every_L[:, k]
         joins = (k == inserted) & (i == 0) & (relaxation > 0)
-        wanted = L + now * tau
-        if family == 1:
-            wanted = np.maximum(now**2 / (2 * b) - v_leader**2 / (2 * B) + now * tau + L, L)
-        had = np.minimum(scene.target_front[k] - front[:, k], 2 * wanted)
-        alone = np.isinf(scene.target_front[k])
-        jump = np.where(joins, np.maximum((wanted if alone else had) - spacing, 0), jump)
-        v_jump = np.where(joins, 0.0 if alone else scene.target_v[k] - v_leader, v_jump)
+        if joins.any():
+            wanted = L + now * tau
+            if family == 1:
+                wanted = np.maximum(now**2 / (2 * b) - v_leader**2 / (2 * B) + now * tau + L, L)
+            had = np.minimum(scene.target_front[k] - front[:, k], 2 * wanted)
+            alone = np.isinf(scene.target_front[k])
+            jump = np.where(joins, np.maximum((wanted if alone else had) - spacing, 0), jump)
+            v_jump = np.where(joins, 0.0 if alone else scene.target_v[k] - v_leader, v_jump)
         share = np.maximum(1 - (k - inserted) * dt / relaxation, 0) if relaxation > 0 else 0.0
         seen, v_seen = spacing + share * jump, np.maximum(v_leader + share * v_jump, 0)
         m = np.exp(-(scene.clock + k * dt) / memory) if memory > 0 else 0.0

@@ -33,7 +33,10 @@ def settings(**followers):
         "trajectories": "none",
     }
     return Settings.model_validate(
-        {"calibrate": {"optimiser": "screen", "study_sample": 0}, "validate": few | {"followers": followers}}
+        {
+            "calibrate": {"optimiser": "screen", "study_sample": 0, "models": ["own_fit"]},
+            "validate": few | {"followers": followers},
+        }
     )
 
 

@@ -30,7 +30,7 @@ _NO_STUDIES = {
 }
 SETTINGS = Settings.model_validate(
     {
-        "calibrate": {"optimiser": "screen"},
+        "calibrate": {"optimiser": "screen", "models": ["constant_speed"]},
         "validate": {
             "constraints": _CONSTRAINTS,
             "followers": {"model": "own_fit"},
