@@ -133,6 +133,8 @@ def _print_confirmed(outcome: Outcome) -> None:
 
 
 def _print_results(stage: str, options: Options, model: str) -> None:
+    if stage not in _TABLES_OF:
+        return
     from highd_lc.io import artefacts
     from highd_lc.reporting.terminal import (
         aims_table,

@@ -31,6 +31,8 @@ Result = tuple[int, Callable[[], T]]
 _SHORT_FOLDERS = ("/tmp", "/var/tmp", "/dev/shm")
 _SOCKET_FOLDER_BYTES = 75
 """How long the folder may be in which multiprocessing makes a folder of its own, and a socket in that."""
+_READY = "highd_lc.core.ready"
+"""Has done what every process would do before its first kernel."""
 _CONNECT_SECONDS = 10
 """How long a Dask scheduler may take to answer."""
 
@@ -74,7 +76,7 @@ class LocalProcesses:
         _make_room_for_sockets()
         # Forking a process that runs threads (pyarrow's) may deadlock: a clean server forks instead.
         self._context = multiprocessing.get_context("forkserver")
-        self._context.set_forkserver_preload(list(preload))
+        self._context.set_forkserver_preload([*preload, _READY])
         self._pool = self._new_pool()
 
     def __enter__(self) -> Self:

@@ -26,7 +26,7 @@ from highd_lc.core.drive import (
     lcm_command,
     remembered,
 )
-from highd_lc.core.kernels import UNALIASED
+from highd_lc.core.kernels import UNALIASED, plain
 from highd_lc.core.losses import LossTerms
 from highd_lc.core.quintic import first_past, q_rate, q_shape, q_third, z_rate, z_shape, z_third
 from highd_lc.planning.contacts import (
@@ -50,7 +50,7 @@ from highd_lc.planning.contacts import (
     meet_leaders,
     meet_origin_follower,
 )
-from highd_lc.planning.crowd import Crowd, own_crowd, together, with_drivers
+from highd_lc.planning.crowd import Crowd, own_crowd, together
 from highd_lc.planning.safety import keep_ahead, keep_behind, starts_critically
 from highd_lc.planning.scene import FAMILY, MOMENT, PackedScene, Scene
 from highd_lc.vocab.sections import LossSettings
@@ -106,7 +106,9 @@ def evaluate(
     draw, or of any.
     """
     outcomes = new_outcomes(delta.shape)
-    evaluate_into(n, delta, change, scene, crowd or own_crowd(scene), terms, outcomes)
+    evaluate_into(
+        plain(n, np.int64), plain(delta), plain(change), scene, crowd or own_crowd(scene), terms, outcomes
+    )
     return outcomes
 
 
@@ -158,21 +160,20 @@ def evaluate_into(
             if behind_leader:
                 drive_through(n[row] // 2, samples, 3 * roles + leaders - 1, rear, state, av_front, contact, role)
             for draw in range(len(crowd.first_L)):
-                drawn = with_drivers(scene, crowd, draw)
-                insertion = first_past(drawn.reactions[0, MOMENT], n[row])
+                insertion = first_past(crowd.reactions[draw, 0, MOMENT], n[row])
                 ahead[:], ahead_v[:] = av_front, av_v
                 for k in range(insertion):
                     ahead[k * WIDTH : (k + 1) * WIDTH] = scene.target_front[k]
                     ahead_v[k * WIDTH : (k + 1) * WIDTH] = scene.target_v[k]
                 each_T[draw], each_H[draw] = 0.0, 0.0
                 for i in range(len(scene.follower_x)):
-                    _drive_follower(i, n[row], insertion, state, drawn, terms, ahead, ahead_v, own)
+                    _drive_follower(i, n[row], insertion, state, scene, crowd, draw, terms, ahead, ahead_v, own)
                     for w in range(used):
                         each_T[draw, w] += terms.weights[i] * state[TO_T * WIDTH + w]
                         each_H[draw, w] += terms.weights[i] * state[TO_H * WIDTH + w]
                     asks = draw == 0 or crowd.rejects_all
                     if asks and scene.safety.asked and i == 0:
-                        keep_behind(n[row], state, drawn, av_front, av_v, own, ahead_v, unsafe)
+                        keep_behind(n[row], state, scene, av_front, av_v, own, ahead_v, unsafe)
                     if asks and scene.asks_all:
                         who = (1 if i else 2) * roles + leaders + i
                         length = scene.follower_length[i - 1] if i else scene.length
@@ -260,6 +261,8 @@ def _drive_all_the_way(
     insertion: int,
     state: FloatArray,
     scene: PackedScene,
+    crowd: Crowd,
+    draw: int,
     terms: LossTerms,
     ahead: FloatArray,
     speed: FloatArray,
@@ -267,8 +270,8 @@ def _drive_all_the_way(
 ) -> None:
     """See ``_driving``. family, reacts: constants where this is inlined."""
     dt, hardest, leader_length = scene.dt, scene.hardest, scene.follower_length[i - 1] if i else scene.length
-    v_desire, A, b, B, tau, L_replay = scene.parameters[i]
-    _, memory, relaxation, need, a_0, drift, _ = scene.reactions[i]
+    v_desire, A, b, B, tau, L_replay = crowd.parameters[draw, i]
+    _, memory, relaxation, need, a_0, drift, _ = crowd.reactions[draw, i]
     comfort, efficiency, ref = terms.comfort, terms.efficiency, terms.hv_ref[i]
     both_sides = 0.0 if terms.one_sided else 1.0
     insertion, joined = (0, 0) if i else (insertion, n // 2)
@@ -282,7 +285,7 @@ def _drive_all_the_way(
         state[NEAREST * WIDTH + w] = np.inf
         state[JUMP * WIDTH + w], state[V_JUMP * WIDTH + w] = 0.0, 0.0
     for k in range(len(scene.target_v)):
-        L, length = (L_replay, leader_length) if k >= insertion else (scene.first_L, scene.target_length)
+        L, length = (L_replay, leader_length) if k >= insertion else (crowd.first_L[draw], scene.target_length)
         if k == joined:
             state[NEAREST * WIDTH : (NEAREST + 1) * WIDTH] = np.inf
         if reacts and k == insertion and relaxation > 0.0 and i == 0:
@@ -322,7 +325,8 @@ def _drive_all_the_way(
 
 
 def _driving(family: int, reacts: bool) -> Any:
-    """The kernel of followers of a family, bare or reacting, with a machine code of its own.
+    """The kernel of followers of a family, bare or reacting, with a machine code of its own; of a family below 0
+    by a command whose address is theirs.
 
     It fills the fronts of follower i, behind the fronts ahead and their speeds, which its own replace. insertion:
     sample from which the first one has the AV as leader. In the scratch: its losses, and its smallest spacing to
@@ -336,35 +340,22 @@ def _driving(family: int, reacts: bool) -> Any:
         insertion: int,
         state: FloatArray,
         scene: PackedScene,
+        crowd: Crowd,
+        draw: int,
         terms: LossTerms,
         ahead: FloatArray,
         speed: FloatArray,
         own: FloatArray,
     ) -> None:
-        _drive_all_the_way(family, reacts, i, n, insertion, state, scene, terms, ahead, speed, own)
+        code = family if family >= 0 else int(crowd.reactions[draw, i, FAMILY])
+        _drive_all_the_way(code, reacts, i, n, insertion, state, scene, crowd, draw, terms, ahead, speed, own)
 
     return drive
 
 
 _drive_bare_lcm, _drive_lcm = _driving(LCM, False), _driving(LCM, True)
 _drive_idm, _drive_uncommanded = _driving(IDM, True), _driving(NO_COMMAND, True)
-
-
-@njit(cache=True, nogil=True, error_model="numpy", **UNALIASED)
-def _drive_by_function(
-    i: int,
-    n: int,
-    insertion: int,
-    state: FloatArray,
-    scene: PackedScene,
-    terms: LossTerms,
-    ahead: FloatArray,
-    speed: FloatArray,
-    own: FloatArray,
-) -> None:
-    """As ``_driving``, by a command whose address is the family."""
-    family = int(scene.reactions[i, FAMILY])
-    _drive_all_the_way(family, True, i, n, insertion, state, scene, terms, ahead, speed, own)
+_drive_by_function = _driving(-1, True)
 
 
 @njit(cache=True, nogil=True)
@@ -374,21 +365,23 @@ def _drive_follower(
     insertion: int,
     state: FloatArray,
     scene: PackedScene,
+    crowd: Crowd,
+    draw: int,
     terms: LossTerms,
     ahead: FloatArray,
     speed: FloatArray,
     own: FloatArray,
 ) -> None:
     """Follower i by its family (see ``_driving``)."""
-    family, memory, relaxation, need, _, drift, _ = scene.reactions[i]
+    family, memory, relaxation, need, _, drift, _ = crowd.reactions[draw, i]
     bare = memory == 0.0 and drift == 0.0 and need == UNBOUNDED and (relaxation == 0.0 or i > 0)
     if family == LCM and bare:
-        _drive_bare_lcm(i, n, insertion, state, scene, terms, ahead, speed, own)
+        _drive_bare_lcm(i, n, insertion, state, scene, crowd, draw, terms, ahead, speed, own)
     elif family == LCM:
-        _drive_lcm(i, n, insertion, state, scene, terms, ahead, speed, own)
+        _drive_lcm(i, n, insertion, state, scene, crowd, draw, terms, ahead, speed, own)
     elif family == IDM:
-        _drive_idm(i, n, insertion, state, scene, terms, ahead, speed, own)
+        _drive_idm(i, n, insertion, state, scene, crowd, draw, terms, ahead, speed, own)
     elif family > IDM:
-        _drive_by_function(i, n, insertion, state, scene, terms, ahead, speed, own)
+        _drive_by_function(i, n, insertion, state, scene, crowd, draw, terms, ahead, speed, own)
     else:
-        _drive_uncommanded(i, n, insertion, state, scene, terms, ahead, speed, own)
+        _drive_uncommanded(i, n, insertion, state, scene, crowd, draw, terms, ahead, speed, own)
