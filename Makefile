@@ -103,6 +103,7 @@ wheel: setup-dev
 ## bench        side-by-side ratios
 bench: setup-dev
 	@for file in benchmarks/bench_*.py; do echo "== $$file"; $(BIN)/python $$file || exit 1; done
+	@$(BIN)/python benchmarks/against.py
 
 ## bench-full   a data set of HighD's size, synthesized (about 6 GB in a temporary folder); ARGS="..."
 # ARGS="--recordings 6" tries a part of it, ARGS="--recordings 6 15 30 60 --cases fixed-ga fixed-screen" shows the
