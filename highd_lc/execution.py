@@ -33,6 +33,8 @@ Result = tuple[int, Callable[[], T]]
 _SHORT_FOLDERS = ("/tmp", "/var/tmp", "/dev/shm")
 _SOCKET_FOLDER_BYTES = 75
 """How long the folder may be in which multiprocessing makes a folder of its own, and a socket in that."""
+_READY = "highd_lc.core.ready"
+"""Has done what every process would do before its first kernel."""
 _CONNECT_SECONDS = 10
 """How long a Dask scheduler may take to answer."""
 
@@ -137,7 +139,7 @@ def _clean_context(preload: Sequence[str]) -> "BaseContext":
         return multiprocessing.get_context("spawn")
     _make_room_for_sockets()
     context = multiprocessing.get_context("forkserver")
-    context.set_forkserver_preload(list(preload))
+    context.set_forkserver_preload([*preload, _READY])
     return context
 
 

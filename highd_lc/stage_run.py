@@ -14,7 +14,7 @@ from pydantic import BaseModel
 from rich.console import Console
 
 from highd_lc.execution import Execution
-from highd_lc.io import artefacts, atomic, workspace
+from highd_lc.io import atomic, workspace
 from highd_lc.io.atomic import Written
 from highd_lc.io.choices import choices_text
 from highd_lc.io.settings import digest
@@ -78,11 +78,24 @@ class Stage:
         done: JobReport = self.module.run(job)
         return done
 
-    def combine(self, combination: Combination, request: ReportRequest | None, carry_out: CarryOut) -> JobReport:
-        """Turn the finished parts into artefacts. carry_out: for calls that can go side by side."""
+    def combined(self, combination: Combination, request: ReportRequest | None, execution: Execution) -> "Done":
+        """Have the finished parts turned into artefacts where the recordings are worked on: with what is imported
+        there already.
+        """
+        try:
+            (result,) = dict(execution.results({0: partial(_combine, self, combination)})).values()
+            return result()
+        except WorkerLostError as error:  # which takes the number of a call for that of a recording
+            text = f"{self.name}: a process was killed, and again when it ran alone (out of memory?)"
+            raise WorkerLostError(text) from error
+
+    def combine(self, combination: Combination) -> JobReport:
+        """Turn the finished parts into artefacts."""
         if not self.tables:
             combined: JobReport = self.module.combine(combination)
             return combined
+        from highd_lc.io import artefacts  # a third of a second, where the stages themselves are not imported
+
         work, recordings, about = combination.work, combination.recordings, combination.provenance
         return JobReport({t: artefacts.concatenate(work, self.name, t, recordings, about) for t in self.tables})
 
@@ -131,9 +144,11 @@ class _Pages(Stage):
         done: JobReport = self.module.run(job, request=request)
         return done
 
-    def combine(self, combination: Combination, request: ReportRequest | None, carry_out: CarryOut) -> JobReport:
-        combined: JobReport = self.module.combine(combination, request=request, carry_out=carry_out)
-        return combined
+    def combined(self, combination: Combination, request: ReportRequest | None, execution: Execution) -> "Done":
+        carry_out: CarryOut = partial(_carry_out, execution)  # pages are made side by side
+        with atomic.collected() as files:
+            report: JobReport = self.module.combine(combination, request=request, carry_out=carry_out)
+        return report, files
 
     def depends_on(self, settings: Settings, options: Options, request: ReportRequest | None) -> list[Dependency]:
         wanted = None if request is None else request.pictures
@@ -308,15 +323,11 @@ class StageRun:
 
     def _combine_anew(self, recordings: tuple[int, ...], together: str, execution: Execution) -> JobReport:
         self._records.forget(self.name)
-        with atomic.collected() as files:
-            report = self._combine(recordings, execution)
-        self._records.remember(self.name, together, report=report, files=files)
-        return report
-
-    def _combine(self, recordings: tuple[int, ...], execution: Execution) -> JobReport:
         inputs = {f"{r:02d}": self.keys[r] for r in recordings}
         combination = Combination(recordings, self.options.work, self.settings, self._provenance(inputs))
-        return self.stage.combine(combination, self._request, partial(_carry_out, execution))
+        report, files = self.stage.combined(combination, self._request, execution)
+        self._records.remember(self.name, together, report=report, files=files)
+        return report
 
     def _key(self, recording: int) -> str:
         """What the stage's work on a recording depends on."""
@@ -341,6 +352,13 @@ def _execute(stage: Stage, job: Job, request: ReportRequest | None) -> Done:
     """One stage on one recording, in whatever process: its report, and the files that it wrote."""
     with atomic.collected() as files:
         done = stage.run(job, request)
+    return done, files
+
+
+def _combine(stage: Stage, combination: Combination) -> Done:
+    """The combination of a stage, in whatever process: its report, and the files that it wrote."""
+    with atomic.collected() as files:
+        done = stage.combine(combination)
     return done, files
 
 

@@ -72,6 +72,15 @@ def fill_uniform(stream: NDArray[np.uint64], target: NDArray[np.float64], first:
     stream[0] = start + np.uint64(count) * _GAMMA
 
 
+def plain(values: Any, dtype: Any = np.float64) -> NDArray[Any]:
+    """An array as kernels are compiled for: contiguous, writable, of its own memory.
+
+    A kernel is compiled anew for a column of a table, a view that leaves out every other value, or an array that
+    may not be written to, and so is every kernel that it calls.
+    """
+    return np.array(values, dtype, order="C")
+
+
 CALL_VALUES = 10
 """Numbers that a function called by ``call_at`` takes."""
 

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from highd_lc.core.car_following import Simulated as Simulated
 from highd_lc.core.drive import IDM, LCM, advance, family_code, follower_command, jump
-from highd_lc.core.kernels import UNALIASED
+from highd_lc.core.kernels import UNALIASED, plain
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -138,7 +138,7 @@ def ahead_of(responses: Responses, joins: IntArray) -> Ahead:
     """Whom the followers have ahead, who get their new leader at the samples ``joins``, shape (R,)."""
     r, joined = responses, np.arange(len(responses.x))[:, None] >= joins
     x, v = np.where(joined, r.x_ahead, r.before_x), np.where(joined, r.v_ahead, r.before_v)
-    return Ahead(x, v, np.where(joined, r.ahead_length, r.before_length), r.before_x, r.before_v)
+    return Ahead(x, v, np.where(joined, r.ahead_length, r.before_length), plain(r.before_x), plain(r.before_v))
 
 
 def simulate(
@@ -159,8 +159,9 @@ def simulate(
         return _of_each_family(family, behaviours, responses, hardest)
     joins = responses.joins(behaviours.moment) if joins is None else joins
     ahead = ahead_of(responses, joins) if ahead is None else ahead
-    out = Simulated(*(np.empty_like(responses.x) for _ in range(3)))
-    start, code = (responses.x[0], responses.v[0]), family_code(family)
+    out = Simulated(*(np.empty(responses.x.shape) for _ in range(3)))
+    start, code = (plain(responses.x[0]), plain(responses.v[0])), family_code(family)
+    behaviours = Behaviours(*map(plain, behaviours))
     if code == LCM:
         _simulate_lcm(behaviours, joins, ahead, *start, hardest, out)
     elif code == IDM:

@@ -3,13 +3,15 @@
 import re
 from collections.abc import Mapping
 from pathlib import Path
-from typing import ClassVar, Protocol
+from typing import TYPE_CHECKING, ClassVar, Protocol
 
-from highd_lc.io import highd, highd_files, ngsim, ngsim_files
-from highd_lc.io.highd import Recording
+from highd_lc.io import highd_files, ngsim_files
 from highd_lc.io.highd_csv import fault
-from highd_lc.io.highd_tables import RecordingMeta, read_recording_meta
 from highd_lc.vocab.settings import IngestSettings
+
+if TYPE_CHECKING:
+    from highd_lc.io.highd import Recording
+    from highd_lc.io.highd_tables import RecordingMeta
 
 AUTO = "auto"
 
@@ -36,10 +38,10 @@ class Format(Protocol):
     def input_files(self, data: Path, recording: int) -> tuple[Path, Path, Path]:
         """The files that tell of the recording, of its vehicles and of its tracks; they may be one."""
 
-    def read(self, data: Path, recording: int, settings: IngestSettings) -> Recording:
+    def read(self, data: Path, recording: int, settings: IngestSettings) -> "Recording":
         """Read a recording into road coordinates. Raises InputError naming file, column and row of a fault."""
 
-    def read_meta(self, data: Path, recording: int, settings: IngestSettings) -> RecordingMeta:
+    def read_meta(self, data: Path, recording: int, settings: IngestSettings) -> "RecordingMeta":
         """Its frame rate and markings. Raises InputError."""
 
 
@@ -64,10 +66,14 @@ class _HighD:
     def input_files(self, data: Path, recording: int) -> tuple[Path, Path, Path]:
         return highd_files.input_files(data, recording)
 
-    def read(self, data: Path, recording: int, settings: IngestSettings) -> Recording:
+    def read(self, data: Path, recording: int, settings: IngestSettings) -> "Recording":
+        from highd_lc.io import highd
+
         return highd.read_recording(data, recording)
 
-    def read_meta(self, data: Path, recording: int, settings: IngestSettings) -> RecordingMeta:
+    def read_meta(self, data: Path, recording: int, settings: IngestSettings) -> "RecordingMeta":
+        from highd_lc.io.highd_tables import read_recording_meta
+
         return read_recording_meta(highd_files.input_files(data, recording)[0])
 
 
@@ -93,10 +99,12 @@ class _Ngsim:
         path = ngsim_files.period(data, recording).path
         return path, path, path
 
-    def read(self, data: Path, recording: int, settings: IngestSettings) -> Recording:
+    def read(self, data: Path, recording: int, settings: IngestSettings) -> "Recording":
+        from highd_lc.io import ngsim
+
         return ngsim.read_recording(ngsim_files.period(data, recording), recording, settings.ngsim_smoothing)
 
-    def read_meta(self, data: Path, recording: int, settings: IngestSettings) -> RecordingMeta:
+    def read_meta(self, data: Path, recording: int, settings: IngestSettings) -> "RecordingMeta":
         return self.read(data, recording, settings).meta
 
 

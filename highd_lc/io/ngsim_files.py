@@ -15,7 +15,6 @@ from pathlib import Path
 from typing import Any, Final, NoReturn
 
 import numpy as np
-import pandas as pd
 import pyarrow as pa
 from numpy.typing import NDArray
 from pyarrow import csv as arrow_csv
@@ -265,6 +264,8 @@ def _csv_blocks(path: Path, layout: Layout, chosen: dict[str, str]) -> Iterator[
 
 def _text_blocks(path: Path, chosen: dict[str, str]) -> Iterator[Block]:
     with plain_numbers.open_bytes(path) as file:
+        import pandas as pd  # a quarter of a second that readers of other formats need not wait
+
         chunks = pd.read_csv(
             file, sep=r"\s+", header=None, names=list(_OF_TEXT), usecols=list(chosen), dtype=np.float64,
             chunksize=_ROWS, na_filter=False,

@@ -24,7 +24,7 @@ from highd_lc.core.drive import (
     jump,
     remembered,
 )
-from highd_lc.core.kernels import UNALIASED
+from highd_lc.core.kernels import UNALIASED, plain
 from highd_lc.core.losses import LossTerms
 from highd_lc.core.quintic import reaches
 from highd_lc.planning.candidates_av import drive_av
@@ -49,7 +49,7 @@ from highd_lc.planning.contacts import (
     meet_leaders,
     meet_origin_follower,
 )
-from highd_lc.planning.crowd import Crowd, own_crowd, together, with_drivers
+from highd_lc.planning.crowd import Crowd, own_crowd, together
 from highd_lc.planning.safety import keep_ahead, keep_behind, starts_critically
 from highd_lc.planning.scene import FAMILY, MOMENT, PackedScene, Scene
 from highd_lc.vocab.sections import LossSettings
@@ -105,7 +105,9 @@ def evaluate(
     draw, or of any.
     """
     outcomes = new_outcomes(delta.shape)
-    evaluate_into(n, delta, change, scene, crowd or own_crowd(scene), terms, outcomes)
+    evaluate_into(
+        plain(n, np.int64), plain(delta), plain(change), scene, crowd or own_crowd(scene), terms, outcomes
+    )
     return outcomes
 
 
@@ -157,23 +159,23 @@ def evaluate_into(
             if behind_leader:
                 drive_through(crossing, samples, 3 * roles + leaders - 1, rear, state, av_front, contact, role)
             for draw in range(len(crowd.first_L)):
-                drawn = with_drivers(scene, crowd, draw)
-                insertion = drawn.joined.since
+                insertion = int(crowd.joined[draw, 0])
                 if insertion > 0:
-                    insertion = reaches(drawn.reactions[0, MOMENT], n[row], scene.dt, scene.D, scene.start)
+                    insertion = reaches(crowd.reactions[draw, 0, MOMENT], n[row], scene.dt, scene.D, scene.start)
                 ahead[:], ahead_v[:] = av_front, av_v
                 for k in range(insertion):
                     ahead[k * WIDTH : (k + 1) * WIDTH] = scene.target_front[k]
                     ahead_v[k * WIDTH : (k + 1) * WIDTH] = scene.target_v[k]
                 each_T[draw], each_H[draw] = 0.0, 0.0
                 for i in range(len(scene.follower_x)):
-                    _drive_follower(i, n[row], (insertion, crossing), state, drawn, terms, ahead, ahead_v, own)
+                    moments = insertion, crossing
+                    _drive_follower(i, n[row], moments, state, scene, crowd, draw, terms, ahead, ahead_v, own)
                     for w in range(used):
                         each_T[draw, w] += terms.weights[i] * state[TO_T * WIDTH + w]
                         each_H[draw, w] += terms.weights[i] * state[TO_H * WIDTH + w]
                     asks = draw == 0 or crowd.rejects_all
                     if asks and scene.safety.asked and i == 0:
-                        keep_behind(crossing, state, drawn, av_front, av_v, own, ahead_v, unsafe)
+                        keep_behind(crossing, state, scene, av_front, av_v, own, ahead_v, unsafe)
                     if asks and scene.asks_all:
                         who = (1 if i else 2) * roles + leaders + i
                         length = scene.follower_length[i - 1] if i else scene.length
@@ -203,6 +205,8 @@ def _drive_all_the_way(
     moments: tuple[int, int],
     state: FloatArray,
     scene: PackedScene,
+    crowd: Crowd,
+    draw: int,
     terms: LossTerms,
     ahead: FloatArray,
     speed: FloatArray,
@@ -210,12 +214,12 @@ def _drive_all_the_way(
 ) -> None:
     """See ``_driving``. family, reacts: constants where this is inlined."""
     dt, hardest, leader_length = scene.dt, scene.hardest, scene.follower_length[i - 1] if i else scene.length
-    v_desire, A, b, B, tau, L_replay = scene.parameters[i]
-    _, memory, relaxation, need, a_0, drift, _ = scene.reactions[i]
+    v_desire, A, b, B, tau, L_replay = crowd.parameters[draw, i]
+    _, memory, relaxation, need, a_0, drift, _ = crowd.reactions[draw, i]
     comfort, efficiency, ref = terms.comfort, terms.efficiency, terms.hv_ref[i]
     both_sides = 0.0 if terms.one_sided else 1.0
     insertion, joined = (0, 0) if i else moments
-    credit_0, v_credit_0 = (0.0, 0.0) if i else (scene.joined.credit, scene.joined.v_credit)
+    credit_0, v_credit_0 = (0.0, 0.0) if i else (crowd.joined[draw, 1], crowd.joined[draw, 2])
     # A product in the place of an exponential a sample, which would cost a tenth of the whole.
     m, kept = remembered(scene.clock, memory), remembered(dt, memory)
     for w in range(WIDTH):
@@ -226,7 +230,7 @@ def _drive_all_the_way(
         state[NEAREST * WIDTH + w] = np.inf
         state[JUMP * WIDTH + w], state[V_JUMP * WIDTH + w] = credit_0, v_credit_0
     for k in range(len(scene.target_v)):
-        L, length = (L_replay, leader_length) if k >= insertion else (scene.first_L, scene.target_length)
+        L, length = (L_replay, leader_length) if k >= insertion else (crowd.first_L[draw], scene.target_length)
         if k == joined:
             state[NEAREST * WIDTH : (NEAREST + 1) * WIDTH] = np.inf
         if reacts and k == insertion and relaxation > 0.0 and i == 0:
@@ -266,7 +270,8 @@ def _drive_all_the_way(
 
 
 def _driving(family: int, reacts: bool) -> Any:
-    """The kernel of followers of a family, bare or reacting, with a machine code of its own.
+    """The kernel of followers of a family, bare or reacting, with a machine code of its own; of a family below 0
+    by a command whose address is theirs.
 
     It fills the fronts of follower i, behind the fronts ahead and their speeds, which its own replace. moments:
     samples from which the first one has the AV as leader, and of the AV's crossing. In the scratch: its losses,
@@ -280,35 +285,22 @@ def _driving(family: int, reacts: bool) -> Any:
         moments: tuple[int, int],
         state: FloatArray,
         scene: PackedScene,
+        crowd: Crowd,
+        draw: int,
         terms: LossTerms,
         ahead: FloatArray,
         speed: FloatArray,
         own: FloatArray,
     ) -> None:
-        _drive_all_the_way(family, reacts, i, n, moments, state, scene, terms, ahead, speed, own)
+        code = family if family >= 0 else int(crowd.reactions[draw, i, FAMILY])
+        _drive_all_the_way(code, reacts, i, n, moments, state, scene, crowd, draw, terms, ahead, speed, own)
 
     return drive
 
 
 _drive_bare_lcm, _drive_lcm = _driving(LCM, False), _driving(LCM, True)
 _drive_idm, _drive_uncommanded = _driving(IDM, True), _driving(NO_COMMAND, True)
-
-
-@njit(cache=True, nogil=True, error_model="numpy", **UNALIASED)
-def _drive_by_function(
-    i: int,
-    n: int,
-    moments: tuple[int, int],
-    state: FloatArray,
-    scene: PackedScene,
-    terms: LossTerms,
-    ahead: FloatArray,
-    speed: FloatArray,
-    own: FloatArray,
-) -> None:
-    """As ``_driving``, by a command whose address is the family."""
-    family = int(scene.reactions[i, FAMILY])
-    _drive_all_the_way(family, True, i, n, moments, state, scene, terms, ahead, speed, own)
+_drive_by_function = _driving(-1, True)
 
 
 @njit(cache=True, nogil=True)
@@ -318,21 +310,23 @@ def _drive_follower(
     moments: tuple[int, int],
     state: FloatArray,
     scene: PackedScene,
+    crowd: Crowd,
+    draw: int,
     terms: LossTerms,
     ahead: FloatArray,
     speed: FloatArray,
     own: FloatArray,
 ) -> None:
     """Follower i by its family (see ``_driving``)."""
-    family, memory, relaxation, need, _, drift, _ = scene.reactions[i]
+    family, memory, relaxation, need, _, drift, _ = crowd.reactions[draw, i]
     bare = memory == 0.0 and drift == 0.0 and need == UNBOUNDED and (relaxation == 0.0 or i > 0)
     if family == LCM and bare:
-        _drive_bare_lcm(i, n, moments, state, scene, terms, ahead, speed, own)
+        _drive_bare_lcm(i, n, moments, state, scene, crowd, draw, terms, ahead, speed, own)
     elif family == LCM:
-        _drive_lcm(i, n, moments, state, scene, terms, ahead, speed, own)
+        _drive_lcm(i, n, moments, state, scene, crowd, draw, terms, ahead, speed, own)
     elif family == IDM:
-        _drive_idm(i, n, moments, state, scene, terms, ahead, speed, own)
+        _drive_idm(i, n, moments, state, scene, crowd, draw, terms, ahead, speed, own)
     elif family > IDM:
-        _drive_by_function(i, n, moments, state, scene, terms, ahead, speed, own)
+        _drive_by_function(i, n, moments, state, scene, crowd, draw, terms, ahead, speed, own)
     else:
-        _drive_uncommanded(i, n, moments, state, scene, terms, ahead, speed, own)
+        _drive_uncommanded(i, n, moments, state, scene, crowd, draw, terms, ahead, speed, own)

@@ -12,7 +12,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from highd_lc.planning.scene import Joined, PackedScene
+from highd_lc.planning.scene import PackedScene
 from highd_lc.vocab.driver import LOWER_BOUNDS, REPLAY_L_BOUNDS, UPPER_BOUNDS
 from highd_lc.vocab.sections import RobustSettings
 
@@ -39,47 +39,6 @@ def own_crowd(scene: PackedScene) -> Crowd:
     """The crowd of one: the drivers that the scene has."""
     joined = np.array([scene.joined], dtype=np.float64)
     return Crowd(scene.parameters[None], scene.reactions[None], np.array([scene.first_L]), joined, 1, False)
-
-
-@njit(inline="always")
-def with_drivers(scene: PackedScene, crowd: Crowd, draw: int) -> PackedScene:
-    """The scene with one set of a crowd's drivers. A compiled function can replace no field by its name."""
-    return PackedScene(
-        v0=scene.v0,
-        D=scene.D,
-        start=scene.start,
-        joined=Joined(int(crowd.joined[draw, 0]), crowd.joined[draw, 1], crowd.joined[draw, 2]),
-        length=scene.length,
-        rear_to_centre=scene.rear_to_centre,
-        a=scene.a,
-        b=scene.b,
-        dt=scene.dt,
-        target_front=scene.target_front,
-        target_v=scene.target_v,
-        target_length=scene.target_length,
-        leader_x=scene.leader_x,
-        leader_y=scene.leader_y,
-        leader_a=scene.leader_a,
-        leader_b=scene.leader_b,
-        follower_x=scene.follower_x,
-        follower_y=scene.follower_y,
-        follower_v=scene.follower_v,
-        follower_length=scene.follower_length,
-        follower_a=scene.follower_a,
-        follower_b=scene.follower_b,
-        parameters=crowd.parameters[draw],
-        reactions=crowd.reactions[draw],
-        first_L=crowd.first_L[draw],
-        clock=scene.clock,
-        origin_follower=scene.origin_follower,
-        av_parameters=scene.av_parameters,
-        weights=scene.weights,
-        after_lcm=scene.after_lcm,
-        counts_handover=scene.counts_handover,
-        hardest=scene.hardest,
-        asks_all=scene.asks_all,
-        safety=scene.safety,
-    )
 
 
 @njit(inline="always")

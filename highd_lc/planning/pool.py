@@ -7,6 +7,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from highd_lc.core.kernels import plain
 from highd_lc.core.losses import LossTerms, joint_objective
 from highd_lc.core.quintic import Quintic
 from highd_lc.planning.candidates import evaluate
@@ -198,6 +199,7 @@ class Task:
 
     def simulate(self, n: IntArray, delta: FloatArray, change: FloatArray) -> Pool:
         """Candidates in rows of one duration each, as a flat pool; shapes as in ``evaluate``."""
+        delta, change = plain(delta), plain(change)
         out = evaluate(n, delta, change, self.scene, self.terms, self.crowd)
         codes = self._violations(n, delta, change).ravel()
         pool = Pool(

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from highd_lc.core.drive import LCM, family_code, hardest_braking
 from highd_lc.core.ellipse import semi_axes
+from highd_lc.core.kernels import plain
 from highd_lc.core.losses import follower_weights
 from highd_lc.core.quintic import AT_REST, StartState
 from highd_lc.vocab import names
@@ -293,13 +294,13 @@ def pack(scene: Scene, settings: ValidateSettings) -> PackedScene:
         leader_y=_stack([m.y for m in leaders], samples),
         leader_a=np.array([_axes(m.length, m.width, paper)[0] for m in leaders]),
         leader_b=np.array([_axes(m.length, m.width, paper)[1] for m in leaders]),
-        follower_x=followers.x,
-        follower_y=followers.y,
-        follower_v=followers.v,
-        follower_length=followers.length,
+        follower_x=plain(followers.x),
+        follower_y=plain(followers.y),
+        follower_v=plain(followers.v),
+        follower_length=plain(followers.length),
         follower_a=np.array([one for one, _ in axes]),
         follower_b=np.array([two for _, two in axes]),
-        parameters=np.ascontiguousarray(followers.parameters),
+        parameters=plain(followers.parameters),
         reactions=_reactions(followers, MOMENT_OF[settings.planner.leader_from]),
         first_L=followers.L_no_change,
         clock=0.0,
@@ -317,7 +318,7 @@ def pack(scene: Scene, settings: ValidateSettings) -> PackedScene:
 def driven_by(packed: PackedScene, followers: Followers, settings: ValidateSettings) -> PackedScene:
     """The packed scene with the same followers driven otherwise."""
     return packed._replace(
-        parameters=np.ascontiguousarray(followers.parameters),
+        parameters=plain(followers.parameters),
         reactions=_reactions(followers, MOMENT_OF[settings.planner.leader_from]),
         first_L=followers.L_no_change,
     )
@@ -372,7 +373,7 @@ def _axes(length: float, width: float, paper: bool) -> tuple[float, float]:
 
 
 def _stack(rows: list[FloatArray], samples: int) -> FloatArray:
-    return np.ascontiguousarray(np.stack(rows)) if rows else np.empty((0, samples))
+    return plain(rows) if rows else np.empty((0, samples))
 
 
 def _front(scene: Scene, samples: int) -> tuple[FloatArray, FloatArray]:

@@ -20,6 +20,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from highd_lc.core.kernels import plain
 from highd_lc.planning.contacts import WIDTH
 from highd_lc.planning.limits import CONSTRAINTS, forward_interval, violations
 from highd_lc.planning.pool import Goal, Pool, Task, distinct
@@ -342,8 +343,6 @@ def nominal_rejections(task: Task, *, free: bool) -> dict[str, int]:
     shape = (len(n), len(speeds), len(changes))
     delta = np.broadcast_to(speeds[None, :, None] * T, shape).reshape(len(n), -1)
     change = np.broadcast_to(changes[None, None, :], shape).reshape(len(n), -1)
-    codes = violations(
-        task.seconds(n), np.ascontiguousarray(delta), np.ascontiguousarray(change), scene.v0, scene.D, limit
-    )
+    codes = violations(task.seconds(n), plain(delta), plain(change), scene.v0, scene.D, limit)
     counts = np.bincount(codes.ravel(), minlength=len(CONSTRAINTS) + 1)
     return {name: int(counts[i + 1]) for i, name in enumerate(CONSTRAINTS)}

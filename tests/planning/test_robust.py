@@ -7,7 +7,7 @@ import pytest
 from random_scenes import GOALS, random_scene, reacting, task_of
 
 from highd_lc.drivers.population import SPREAD
-from highd_lc.planning.crowd import Crowd, crowd_of, drawn_crowd, event_generator, own_crowd, with_drivers
+from highd_lc.planning.crowd import crowd_of, drawn_crowd, event_generator
 from highd_lc.planning.planner import plan_all, pose
 from highd_lc.planning.robust import RobustProblem, plan_robust
 from highd_lc.planning.search import grid, possible_durations, search
@@ -39,7 +39,8 @@ def same(one, other, fields):
 
 
 def of_draw(task, crowd, draw):
-    return replace(task, scene=with_drivers.py_func(task.scene, crowd, draw))
+    drivers = {name: getattr(crowd, name)[draw] for name in ("parameters", "reactions", "first_L")}
+    return replace(task, scene=task.scene._replace(**drivers))
 
 
 @pytest.mark.parametrize("seed", [1, 4])
@@ -95,17 +96,6 @@ def test_contacts_are_those_of_the_own_drivers_or_of_any_draw():
         assert np.array_equal(any_, np.min(apart, axis=0))
         found += int((any_ < own).sum())
     assert found
-
-
-def test_the_drivers_alone_are_replaced():
-    task = task_of(scene_of(2))
-    crowd = crowded(task)
-    drawn = with_drivers.py_func(task.scene, crowd, 1)
-    for name in set(task.scene._fields) - {"parameters", "reactions", "first_L", "joined"}:
-        assert getattr(drawn, name) is getattr(task.scene, name)
-    assert drawn.joined == task.scene.joined
-    assert np.array_equal(drawn.parameters, crowd.parameters[1])
-    assert isinstance(own_crowd(task.scene), Crowd)
 
 
 def problem_of(seed, **changes):
