@@ -100,9 +100,10 @@ docs: setup-dev
 wheel: setup-dev
 	@$(BIN)/python tools/try_wheel.py build/wheel
 
-## bench        side-by-side ratios
+## bench        side-by-side ratios, then those against 0.1.0's last commit where git has it
 bench: setup-dev
 	@for file in benchmarks/bench_*.py; do echo "== $$file"; $(BIN)/python $$file || exit 1; done
+	@$(BIN)/python benchmarks/against.py
 
 ## bench-full   a data set of HighD's size, synthesized (about 6 GB in a temporary folder); ARGS="..."
 # ARGS="--recordings 6" tries a part of it, ARGS="--recordings 6 15 30 60 --cases fixed-ga fixed-screen" shows the

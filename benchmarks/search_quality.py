@@ -94,7 +94,7 @@ def _lowest(task: Task, form: str) -> tuple[np.ndarray, float]:
 def _row(variant: dict[str, str], excess: np.ndarray, ratio: np.ndarray) -> str:
     name = " ".join(f"{key} {value}" for key, value in variant.items()) or "defaults"
     shares = " | ".join(f"{int((excess > level).sum())}" for level in LEVELS)
-    worst, best = float(excess.max()), float(-excess.min())
+    worst, best = float(excess.max()), max(float(-excess.min()), 0.0)
     return f"| {name} | {len(excess)} | {shares} | {worst:.4%} | {best:.2%} | x {np.median(ratio):.2f} |"
 
 

@@ -9,6 +9,7 @@ optimistic. For overlapping ellipses the maximum is minus the penetration depth,
 """
 
 import math
+from typing import NamedTuple
 
 from numba import njit
 
@@ -20,54 +21,44 @@ _NEWTON_STEPS = 8
 _SETTLED = 1e-8
 
 
+class _Pair(NamedTuple):
+    """Two ellipses: way of the second one's centre, heading of the first, semi-axes (see ``swept_clearance``)."""
+
+    x0: float
+    y0: float
+    x1: float
+    y1: float
+    cos: float
+    sin: float
+    a1: float
+    b1: float
+    a2: float
+    b2: float
+
+
 @njit(inline="always")
-def _separation(
-    angle: float,
-    x0: float,
-    y0: float,
-    x1: float,
-    y1: float,
-    cos: float,
-    sin: float,
-    a1: float,
-    b1: float,
-    a2: float,
-    b2: float,
-) -> float:
+def _separation(angle: float, pair: _Pair) -> float:
     n_x, n_y = math.cos(angle), math.sin(angle)
-    along, across = n_x * cos + n_y * sin, n_y * cos - n_x * sin
-    nearest = min(x0 * n_x + y0 * n_y, x1 * n_x + y1 * n_y)
-    return nearest - math.hypot(a1 * along, b1 * across) - math.hypot(a2 * n_x, b2 * n_y)
+    along, across = n_x * pair.cos + n_y * pair.sin, n_y * pair.cos - n_x * pair.sin
+    nearest = min(pair.x0 * n_x + pair.y0 * n_y, pair.x1 * n_x + pair.y1 * n_y)
+    return nearest - math.hypot(pair.a1 * along, pair.b1 * across) - math.hypot(pair.a2 * n_x, pair.b2 * n_y)
 
 
 @njit(cache=True, nogil=True)
-def _best_about(
-    angle: float,
-    x0: float,
-    y0: float,
-    x1: float,
-    y1: float,
-    cos: float,
-    sin: float,
-    a1: float,
-    b1: float,
-    a2: float,
-    b2: float,
-) -> float:
+def _best_about(angle: float, pair: _Pair) -> float:
     """Largest separation within a step about a direction, by golden section."""
     left, right = angle - _STEP, angle + _STEP
     one, two = left + _GOLDEN * (right - left), right - _GOLDEN * (right - left)
-    at_one = _separation(one, x0, y0, x1, y1, cos, sin, a1, b1, a2, b2)
-    at_two = _separation(two, x0, y0, x1, y1, cos, sin, a1, b1, a2, b2)
+    at_one, at_two = _separation(one, pair), _separation(two, pair)
     for _ in range(40):
         if at_one > at_two:
             right, two, at_two = two, one, at_one
             one = left + _GOLDEN * (right - left)
-            at_one = _separation(one, x0, y0, x1, y1, cos, sin, a1, b1, a2, b2)
+            at_one = _separation(one, pair)
         else:
             left, one, at_one = one, two, at_two
             two = right - _GOLDEN * (right - left)
-            at_two = _separation(two, x0, y0, x1, y1, cos, sin, a1, b1, a2, b2)
+            at_two = _separation(two, pair)
     return max(at_one, at_two)
 
 
@@ -81,23 +72,23 @@ def swept_clearance(
     2 is not turned; a1, b1, a2, b2: semi-axes [m]. Directions around the circle first, then golden section: about
     the best one if it separates, else about every one that is better than its neighbours.
     """
-    cos, sin = math.cos(heading), math.sin(heading)
+    pair = _Pair(x0, y0, x1, y1, math.cos(heading), math.sin(heading), a1, b1, a2, b2)
     # The direction between the centres is the best for circles: always among those tried.
     towards = math.atan2(y1, x1)
-    best, best_angle = _separation(towards, x0, y0, x1, y1, cos, sin, a1, b1, a2, b2), towards
+    best, best_angle = _separation(towards, pair), towards
     for i in range(_DIRECTIONS):
-        value = _separation(i * _STEP, x0, y0, x1, y1, cos, sin, a1, b1, a2, b2)
+        value = _separation(i * _STEP, pair)
         if value > best:
             best, best_angle = value, i * _STEP
-    best = max(best, _best_about(best_angle, x0, y0, x1, y1, cos, sin, a1, b1, a2, b2))
+    best = max(best, _best_about(best_angle, pair))
     if best > 0.0:
         return best
-    before = _separation(-_STEP, x0, y0, x1, y1, cos, sin, a1, b1, a2, b2)
-    here = _separation(0.0, x0, y0, x1, y1, cos, sin, a1, b1, a2, b2)
+    before = _separation(-_STEP, pair)
+    here = _separation(0.0, pair)
     for i in range(_DIRECTIONS):
-        after = _separation((i + 1) * _STEP, x0, y0, x1, y1, cos, sin, a1, b1, a2, b2)
+        after = _separation((i + 1) * _STEP, pair)
         if here >= before and here >= after:
-            best = max(best, _best_about(i * _STEP, x0, y0, x1, y1, cos, sin, a1, b1, a2, b2))
+            best = max(best, _best_about(i * _STEP, pair))
         before, here = here, after
     return best
 

@@ -32,7 +32,7 @@ from highd_lc.drivers.genetic import GeneticAlgorithm
 from highd_lc.drivers.least_squares import STARTS, curvature, descend, screen
 from highd_lc.vocab.driver import PARAMETERS
 from highd_lc.vocab.settings import CalibrateSettings
-from highd_lc.vocab.tables.summaries import BELIEVED, NOT_IDENTIFIABLE, WEAK
+from highd_lc.vocab.tables.fits import BELIEVED, NOT_IDENTIFIABLE, WEAK
 
 FloatArray = NDArray[np.float64]
 

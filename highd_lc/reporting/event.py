@@ -16,7 +16,7 @@ from highd_lc.reporting import html
 from highd_lc.vocab import names
 from highd_lc.vocab.driver import LOWER_BOUNDS, PARAMETERS, UPPER_BOUNDS
 from highd_lc.vocab.policy import PAIRS
-from highd_lc.vocab.tables.summaries import NOT_IDENTIFIABLE
+from highd_lc.vocab.tables.fits import NOT_IDENTIFIABLE
 
 FloatArray = NDArray[np.float64]
 Row = Mapping[str, Any]

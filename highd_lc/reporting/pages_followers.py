@@ -23,8 +23,8 @@ from highd_lc.vocab import names
 from highd_lc.vocab.driver import PARAMETERS, UNITS
 from highd_lc.vocab.policy import PAIRS
 from highd_lc.vocab.sections import StatisticsSettings
+from highd_lc.vocab.tables.fits import BELIEVED
 from highd_lc.vocab.tables.prediction import CONTROL, OBSERVED
-from highd_lc.vocab.tables.summaries import BELIEVED
 
 
 @dataclass(frozen=True)

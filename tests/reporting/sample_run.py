@@ -11,7 +11,7 @@ from highd_lc.reporting.pages_followers import CalibrationTables
 from highd_lc.reporting.pages_index import IndexTables, SummaryTables
 from highd_lc.vocab import names
 from highd_lc.vocab.driver import PARAMETERS, TABLE3_MEANS, TABLE3_QUANTILES
-from highd_lc.vocab.tables.summaries import BELIEVED, NOT_IDENTIFIABLE
+from highd_lc.vocab.tables.fits import BELIEVED, NOT_IDENTIFIABLE
 
 
 def sample_run(n: int = 60, *, seed: int = 4) -> IndexTables:

@@ -11,18 +11,17 @@ from highd_lc.vocab.tables.columns import count as _count
 from highd_lc.vocab.tables.columns import number as _number
 from highd_lc.vocab.tables.columns import single as _single
 from highd_lc.vocab.tables.columns import word as _word
+from highd_lc.vocab.tables.fits import FIT_TABLES
 from highd_lc.vocab.tables.prediction import PREDICTION_TABLES
 from highd_lc.vocab.tables.robust import ROBUST_TABLES
 from highd_lc.vocab.tables.scenarios import SCENARIO_TABLES
 from highd_lc.vocab.tables.studies import STUDY_TABLES
 from highd_lc.vocab.tables.summaries import (
     EVENT_PAGES,
-    FIT_TABLES,
     LEADERBOARD,
     OTHER_PLANS,
     SAFETY_COLUMNS,
     SAFETY_TABLES,
-    SUMMARY_LCM,
     SUMMARY_LOSSES,
     TRACKING,
     VALIDATION_MATRIX,
@@ -364,7 +363,7 @@ TABLES: Final = {
     table.name: table
     for table in (
         TRACKS, VEHICLES, RECORDINGS, CROSSINGS, EVENTS, EVENT_TRACKS, FOLLOWERS, PLANS, LOSSES,
-        VALIDATION_MATRIX, TRACKING, SUMMARY_LCM, SUMMARY_LOSSES, EVENT_PAGES, *FIT_TABLES, *PREDICTION_TABLES,
+        VALIDATION_MATRIX, TRACKING, SUMMARY_LOSSES, EVENT_PAGES, *FIT_TABLES, *PREDICTION_TABLES,
         *SAFETY_TABLES, *STUDY_TABLES, *ROBUST_TABLES, *CLOSED_LOOP_TABLES, OTHER_PLANS, LEADERBOARD,
         *SCENARIO_TABLES, TRUTH,
     )
