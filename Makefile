@@ -100,7 +100,7 @@ docs: setup-dev
 wheel: setup-dev
 	@$(BIN)/python tools/try_wheel.py build/wheel
 
-## bench        side-by-side ratios
+## bench        side-by-side ratios, then those against 0.1.0's last commit where git has it
 bench: setup-dev
 	@for file in benchmarks/bench_*.py; do echo "== $$file"; $(BIN)/python $$file || exit 1; done
 	@$(BIN)/python benchmarks/against.py

@@ -26,7 +26,7 @@ from highd_lc.core.quintic import (
 )
 from highd_lc.core.under_way import axis, axis_extrema, sharpest_turns, speed_range
 from highd_lc.planning.replay import Replay, origin_follower_motion
-from highd_lc.planning.scene import Motion, PackedScene
+from highd_lc.planning.scene import Motion, PackedScene, Scene
 from highd_lc.vocab import names
 from highd_lc.vocab.sections import ConstraintSettings
 from highd_lc.vocab.settings import ValidateSettings
@@ -310,6 +310,15 @@ def pairs(replay: Replay, scene: PackedScene, *, joins: bool, lengths: FloatArra
     if lengths is None:
         return found
     return [replace(pair, leader_length=lengths) if pair.leader == names.TARGET_LEADER else pair for pair in found]
+
+
+def target_leader_lengths(scene: Scene) -> FloatArray:
+    """Length of who leads the target lane at each sample [m], shape (N + 1,); NaN where nobody does."""
+    leader = scene.target_leader
+    lengths = np.full(scene.samples, leader.length if leader is not None else np.nan)
+    for later in scene.next_leaders:
+        lengths[later.since :] = later.motion.length if later.motion is not None else np.nan
+    return lengths
 
 
 _Vehicle = tuple[str, FloatArray, FloatArray, float]

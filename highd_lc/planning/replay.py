@@ -366,3 +366,10 @@ CONSTANT_T = 5.5
 def constant_samples(packed: PackedScene) -> int:
     """Samples of ``CONSTANT_T``, at most those of H."""
     return min(round(CONSTANT_T / packed.dt), len(packed.target_v) - 1)
+
+
+def own_duration(human: Human | None, packed: PackedScene) -> float:
+    """How long a recorded lane change, or the one at constant speed, lasts by itself [s]; replays cut it at H."""
+    if human is None:
+        return CONSTANT_T
+    return float((len(human.x) - 1 if human.end is None else human.end) * packed.dt)

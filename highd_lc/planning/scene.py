@@ -390,15 +390,6 @@ def _front(scene: Scene, samples: int) -> tuple[FloatArray, FloatArray]:
     return front, v
 
 
-def target_leader_lengths(scene: Scene) -> FloatArray:
-    """Length of who leads the target lane at each sample [m], shape (N + 1,); NaN where nobody does."""
-    leader = scene.target_leader
-    lengths = np.full(scene.samples, leader.length if leader is not None else np.nan)
-    for later in scene.next_leaders:
-        lengths[later.since :] = later.motion.length if later.motion is not None else np.nan
-    return lengths
-
-
 def _origin_follower(motion: Motion | None, paper: bool) -> FloatArray:
     if motion is None:
         return np.empty(0)

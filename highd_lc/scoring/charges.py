@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 
 from highd_lc.core.losses import Charge, LossTerms, charge, command_jerk
 from highd_lc.core.safety import braking_asked, critical_gap, rss_gaps
-from highd_lc.planning.limits import Pair, first_contact, pairs
+from highd_lc.planning.limits import Pair, first_contact, pairs, target_leader_lengths
 from highd_lc.planning.planner import Plan, PlanningProblem
 from highd_lc.planning.replay import Replay, av_charge
 from highd_lc.planning.safety import dracs, time_gaps
-from highd_lc.planning.scene import Motion, target_leader_lengths
+from highd_lc.planning.scene import Motion
 from highd_lc.vocab import names
 from highd_lc.vocab.policy import ACCOUNTINGS
 from highd_lc.vocab.safety import SafetySettings

@@ -13,10 +13,9 @@ from highd_lc.driving.tracker import ExactTracker, MpcTracker, Tracker
 from highd_lc.driving.world import recorded_drive
 from highd_lc.io.workspace import append_log
 from highd_lc.planning.crowd import Crowd
-from highd_lc.planning.limits import pairs
+from highd_lc.planning.limits import pairs, target_leader_lengths
 from highd_lc.planning.planner import PlanningProblem, pose
 from highd_lc.planning.replay import Replay, box_centre
-from highd_lc.planning.scene import target_leader_lengths
 from highd_lc.reporting.event import Path, Play
 from highd_lc.scoring import charges
 from highd_lc.stages.scene_drivers import read_drivers

@@ -20,7 +20,7 @@ from highd_lc.io import artefacts
 from highd_lc.planning import pareto
 from highd_lc.planning.pareto import Points
 from highd_lc.planning.planner import Plan, PlanningProblem, contact_of, made_once
-from highd_lc.planning.replay import CONSTANT_T, Replay
+from highd_lc.planning.replay import Replay, own_duration
 from highd_lc.planning.starts import StartProblem, pose_starts
 from highd_lc.scoring.uncertainty import stratified_sample
 from highd_lc.stages.validate_studies import Study
@@ -376,20 +376,16 @@ def _braking_afterwards(plan: Plan) -> float:
 def _at_bound(problem: PlanningProblem, plan: Plan) -> list[str]:
     settings, H = problem.settings.search, (len(problem.packed.target_v) - 1) * problem.packed.dt
     if plan.status == names.REFERENCE:
-        return ["T"] if _own_duration(problem, plan.policy) > H + 1e-9 else []
+        return (
+            ["T"]
+            if own_duration(problem.scene.human if plan.policy == names.HUMAN else None, problem.packed) > H + 1e-9
+            else []
+        )
     if plan.status != names.SOLVED or plan.quintic is None:
         return []
     edge = [b for b in (settings.T_min, min(settings.T_max, H)) if abs(plan.quintic.T - b) < 1e-9]
     waited = 0.0 < settings.max_delay_s <= plan.delay_s + 1e-9
     return (["T"] if edge else []) + (["delay_s"] if waited else []) + plan.at_bound
-
-
-def _own_duration(problem: PlanningProblem, policy: str) -> float:
-    """How long the lane change of a reference policy lasts by itself [s]; the replay cuts it at H."""
-    if policy != names.HUMAN:
-        return CONSTANT_T
-    human = problem.scene.driver
-    return float((len(human.x) - 1 if human.end is None else human.end) * problem.packed.dt)
 
 
 def _violated(plan: Plan) -> list[str]:

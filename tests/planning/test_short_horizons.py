@@ -7,10 +7,10 @@ import pytest
 from random_scenes import random_scene
 
 from highd_lc.planning import planner
-from highd_lc.planning.limits import pairs
+from highd_lc.planning.limits import pairs, target_leader_lengths
 from highd_lc.planning.pool import Goal
 from highd_lc.planning.replay import CONSTANT_T, human_motion
-from highd_lc.planning.scene import Human, NextLeader, target_leader_lengths
+from highd_lc.planning.scene import Human, NextLeader
 from highd_lc.planning.sqp import multi_start
 from highd_lc.planning.start_planner import plan_starts
 from highd_lc.scoring import charges
