@@ -376,11 +376,8 @@ def _braking_afterwards(plan: Plan) -> float:
 def _at_bound(problem: PlanningProblem, plan: Plan) -> list[str]:
     settings, H = problem.settings.search, (len(problem.packed.target_v) - 1) * problem.packed.dt
     if plan.status == names.REFERENCE:
-        return (
-            ["T"]
-            if own_duration(problem.scene.human if plan.policy == names.HUMAN else None, problem.packed) > H + 1e-9
-            else []
-        )
+        human = problem.scene.human if plan.policy == names.HUMAN else None
+        return ["T"] if own_duration(human, problem.packed) > H + 1e-9 else []
     if plan.status != names.SOLVED or plan.quintic is None:
         return []
     edge = [b for b in (settings.T_min, min(settings.T_max, H)) if abs(plan.quintic.T - b) < 1e-9]
