@@ -48,7 +48,8 @@ def small_studies(settings: Settings) -> Settings:
     few |= {"draws": 2, "replans": 1, "population": 8, "generations": 2, "horizons_s": (5.0,)}
     few |= {"multibody_sample": 1, "safety_sample": 4}
     values["validate"]["studies"] |= few
-    values["validate"]["multiverse"]["sample"] = values["validate"]["robust"]["sample"] = 2
+    values["validate"]["multiverse"]["sample"] = 1
+    values["validate"]["robust"]["sample"] = 2
     values["validate"]["closed_loop"]["events"] = 2
     return Settings.model_validate(values)
 

@@ -27,9 +27,10 @@ timid.parameters = {"v_0": 31.0, "T": 1.1}
 
 
 def settings():
-    samples = ("sample", "start_sample", "foresight_sample", "solver_sample", "multibody_sample")
+    samples = ("sample", "start_sample", "foresight_sample", "solver_sample", "multibody_sample", "safety_sample")
     few = {
         "studies": dict.fromkeys(samples, 0),
+        "robust": {"sample": 1, "draws": 2},
         "statistics": {"bootstrap": 100},
         "multiverse": {"sample": 0},
         "closed_loop": {"events": 1},
