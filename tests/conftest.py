@@ -79,3 +79,24 @@ def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
     """Figures on pages stay empty, for tests of what else is there: most of a report's time is their drawing."""
     empty = Markup('<svg role="img" aria-label="{}"></svg>')
     monkeypatch.setattr(html, "inline_svg", lambda figure, alternative: empty.format(alternative))
+
+
+@pytest.fixture(scope="module")
+def kept_pages() -> dict[str, bytes]:
+    """The overview pages by their file's names, as they were made first."""
+    return {}
+
+
+@pytest.fixture
+def made_once_pages(monkeypatch: pytest.MonkeyPatch, undrawn: None, kept_pages: dict[str, bytes]) -> None:
+    """Overview pages are rendered once a module, for tests of what becomes of them, all on copies of one run."""
+    from highd_lc.stages import report
+
+    make = report.page_of
+
+    def page_of(name: str, overview: object) -> bytes:
+        if name not in kept_pages:
+            kept_pages[name] = make(name, overview)
+        return kept_pages[name]
+
+    monkeypatch.setattr(report, "page_of", page_of)

@@ -9,8 +9,8 @@ import pytest
 from faulty_runs import Place, Run, contents, finished_files, run, steps_of
 
 _LONG = bool(os.environ.get("HIGHD_LC_FAULTS"))
-_CHAINS, _KILLS = (10, 5) if _LONG else (1, 3)
-"""Runs, and SIGKILLs that each meets before it arrives: both ways to die, one of them twice, in the short form."""
+_CHAINS, _KILLS = (10, 5) if _LONG else (1, 2)
+"""Runs, and SIGKILLs that each meets before it arrives: in the short form once each way to die."""
 
 
 @pytest.fixture

@@ -1,6 +1,9 @@
 """Stages as a test calls them, without the engine."""
 
+import shutil
+from collections.abc import Iterable
 from pathlib import Path
+from types import ModuleType
 
 import pandas as pd
 
@@ -44,16 +47,27 @@ def ingested(data: Path, work: Path, **sections: dict[str, object]) -> JobReport
 
 def validated(work: Path, recordings: tuple[int, ...], settings: Settings) -> Path:
     """All stages up to the multiverse on the fixtures, the recordings in the order given."""
+    return _done(work, recordings, settings, (ingest, extract, calibrate, validate, multiverse))
+
+
+def done_again(
+    made: Path, work: Path, recordings: tuple[int, ...], settings: Settings, *stages: ModuleType
+) -> Path:
+    """A copy of what ``validated`` made with these stages done anew, the recordings in the order given."""
+    shutil.copytree(made, work, dirs_exist_ok=True)
+    for stage in stages:
+        shutil.rmtree(work / "parts" / stage.STAGE)
+    return _done(work, recordings, settings, stages)
+
+
+def _done(work: Path, recordings: tuple[int, ...], settings: Settings, stages: Iterable[ModuleType]) -> Path:
     about = Provenance("settings", {}, settings.seed, "code")
-    jobs = [Job(recording, FIXTURES, work, settings, about) for recording in recordings]
     combination = Combination(tuple(sorted(recordings)), work, settings, about)
-    for stage, tables in _JOINED.items():
-        for one in jobs:
-            stage.run(one)
-        for table in tables:
+    for stage in stages:
+        for recording in recordings:
+            stage.run(Job(recording, FIXTURES, work, settings, about))
+        for table in _JOINED.get(stage, ()):
             artefacts.concatenate(work, stage.STAGE, table, combination.recordings, about)
-    for stage in (calibrate, validate, multiverse):
-        for one in jobs:
-            stage.run(one)
-        stage.combine(combination)
+        if stage not in _JOINED:
+            stage.combine(combination)
     return work

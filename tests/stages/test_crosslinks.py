@@ -36,7 +36,7 @@ def make_scenarios(reports: Path) -> None:
 
 
 @pytest.fixture
-def make_report(quick_run, undrawn, tmp_path):
+def make_report(quick_run, made_once_pages, tmp_path):
     """Bring a copy of a finished run up to date, into its folder of reports, where there is nothing yet."""
     options = copied(quick_run, tmp_path, reports=False)
 

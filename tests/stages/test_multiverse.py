@@ -3,12 +3,14 @@
 import numpy as np
 import pandas as pd
 import pytest
-from running import validated
+from running import done_again, validated
 
 from highd_lc.io import artefacts
 from highd_lc.io.choices import Variant, variants_of
 from highd_lc.reporting.figures_studies import chosen_dots
 from highd_lc.reporting.pages_multiverse import multiverse_page, range_words
+from highd_lc.stages import multiverse as multiverse_stage
+from highd_lc.stages import validate
 from highd_lc.stages.multiverse import LOSSES, multiverse, multiverse_rows
 from highd_lc.vocab import names
 from highd_lc.vocab.job import Provenance
@@ -103,7 +105,7 @@ def test_followers_that_nobody_calibrated_leave_no_events(table):
 
 
 def test_another_order_of_the_recordings_makes_the_same(work, settings, tmp_path):
-    other = validated(tmp_path, (2, 1), settings)
+    other = done_again(work, tmp_path, (2, 1), settings, validate, multiverse_stage)
     for name in ("multiverse", LOSSES):
         pd.testing.assert_frame_equal(artefacts.read(work, name), artefacts.read(other, name))
 
@@ -112,7 +114,8 @@ def test_a_smaller_sample_holds_some_of_the_same_rows(work, settings, tmp_path):
     few = settings.validation.model_copy(
         update={"multiverse": settings.validation.multiverse.model_copy(update={"sample": 3})}
     )
-    other = validated(tmp_path, (1, 2), settings.model_copy(update={"validation": few}))
+    smaller = settings.model_copy(update={"validation": few})
+    other = done_again(work, tmp_path, (1, 2), smaller, multiverse_stage)
     found, every = (artefacts.read(folder, LOSSES) for folder in (other, work))
     assert found["event_id"].nunique() == 3
     same = every[every["event_id"].isin(found["event_id"])].reset_index(drop=True)

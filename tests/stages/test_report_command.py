@@ -16,7 +16,7 @@ from highd_lc.vocab.settings import Settings
 
 
 @pytest.fixture
-def command(pipeline_run, tmp_path, monkeypatch, undrawn):
+def command(pipeline_run, tmp_path, monkeypatch, made_once_pages):
     """The command on a copy of a finished run; what it was asked to open is in ``opened``."""
     copied(pipeline_run, tmp_path)
     run = cli_on(pipeline_run, tmp_path, monkeypatch)

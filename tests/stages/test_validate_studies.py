@@ -5,9 +5,10 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from running import validated
+from running import done_again, validated
 
 from highd_lc.io import artefacts
+from highd_lc.stages import validate
 from highd_lc.vocab import names
 from highd_lc.vocab.policy import PAIRS, ROBUST_PAIRS
 from highd_lc.vocab.settings import Settings
@@ -204,6 +205,6 @@ def test_worst_follower_is_compared(work):
 
 
 def test_order_of_the_recordings_does_not_matter(work, tmp_path):
-    other = validated(tmp_path, (2, 1), SETTINGS)
+    other = done_again(work, tmp_path, (2, 1), SETTINGS, validate)
     for name in ("cross_losses", "cross_scores", "uncertainty", "pareto", "solver_comparison", "horizon_losses"):
         pd.testing.assert_frame_equal(artefacts.read(work, name), artefacts.read(other, name), check_exact=True)
