@@ -136,7 +136,8 @@ class _Stratum:
         row = {name: float(values.sum()) / total, f"{name}_low": np.nan, f"{name}_high": np.nan}
         if not self._reason:
             found = ratio_interval(self._units, values, of, self._bootstrap)
-            row |= {f"{name}_low": found.low, f"{name}_high": found.high}
+            least = 0.0 if (values >= 0.0).all() else -np.inf  # so no skill is beyond 1, however wide its interval
+            row |= {f"{name}_low": max(found.low, least), f"{name}_high": found.high}
         return row
 
 
