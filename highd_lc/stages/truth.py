@@ -40,7 +40,7 @@ _AS_OLD: Final = {
     "model": _AT_ONCE,
     "reaction_strength": 1.0,
     **dict.fromkeys(("memory_s", "relaxation_s", "reaction_moment", "ignores_s", "drift_mps2"), 0.0),
-    **dict.fromkeys(_IDM_COLUMNS.values(), np.nan),
+    **dict.fromkeys((*_IDM_COLUMNS.values(), "reference_length_m"), np.nan),
 }
 _COMPARED: Final = (*PARAMETERS, "memory_s", "relaxation_s", "moment")
 _TO_MARKING: Final = 0.5
@@ -57,16 +57,24 @@ def true_drivers(data: Path, recordings: list[int]) -> pd.DataFrame:
         for folder in folders(data):
             path = folder / f"{recording:02d}_truth_drivers.csv"
             if path.is_file():
-                found.append(_completed(pd.read_csv(path)).assign(recording_id=recording))
+                found.append(_completed(pd.read_csv(path), path).assign(recording_id=recording))
     if not found:
         raise InputError(f"{data}: no NN_truth_drivers.csv; only made recordings know their drivers")
     return pd.concat(found, ignore_index=True).set_index(["recording_id", "vehicle_id"])
 
 
-def _completed(drivers: pd.DataFrame) -> pd.DataFrame:
-    """A truth with all columns: files of old recorders hold drivers that react at once."""
+def _completed(drivers: pd.DataFrame, path: Path) -> pd.DataFrame:
+    """A truth with all columns: drivers of files of old recorders react at once, and models of another world, as
+    SUMO's, have no constants of ours.
+
+    Raises InputError naming the file and the column that a driver of ours lacks.
+    """
     missing: dict[str, Any] = {name: value for name, value in _AS_OLD.items() if name not in drivers}
-    return drivers.assign(**missing)
+    whole = drivers.assign(**missing)
+    lacking = [name for name in PARAMETERS if name not in whole]
+    if lacking and whole["model"].isin(_FAMILY_OF).any():
+        raise InputError(f"{path}: column {lacking[0]!r} is missing; drivers of the LCM and the IDM have it")
+    return whole.assign(**dict.fromkeys(lacking, np.nan))
 
 
 def run(data: Path, work: Path, reports: Path, settings: Settings, provenance: Provenance) -> pd.DataFrame:
@@ -274,9 +282,12 @@ def said(table: pd.DataFrame) -> Iterator[str]:
 
     rows: Iterable[Any] = recovery(table).itertuples(index=False)
     for row in rows:
+        said = f"{row.model}: {row.horizon_s:g} s after the start its error of speed is {row.mae:.2f} m/s"
+        if np.isnan(row.mae_true):
+            yield f"{said}; the true drivers' model is none of ours, so that their response cannot be told apart"
+            continue
         off = "unknown" if np.isnan(row.off) else f"{100.0 * row.off:.1f} %"
         yield (
-            f"{row.model}: response after {row.horizon_s:g} s off by {off} of the true one "
-            f"({row.n} first followers, {row.classes} classes of spacing and closing speed); error of speed "
-            f"{row.mae:.2f} m/s, of the true drivers {row.mae_true:.2f} m/s"
+            f"{said}, of the true drivers {row.mae_true:.2f} m/s; its response is off by {off} of theirs "
+            f"({row.n} first followers, {row.classes} classes of spacing and closing speed)"
         )

@@ -10,7 +10,7 @@ from highd_lc.cli import app
 from highd_lc.io import artefacts
 from highd_lc.reporting.pages_truth import recovery, truth_page
 from highd_lc.stages.responses import SERIES
-from highd_lc.stages.truth import true_drivers, truth_table
+from highd_lc.stages.truth import said, true_drivers, truth_table
 from highd_lc.vocab import names
 from highd_lc.vocab.driver import PARAMETERS
 from highd_lc.vocab.errors import HighdLcError, InputError
@@ -115,3 +115,24 @@ def test_an_old_truth_has_drivers_that_react_at_once(tmp_path):
     pd.DataFrame([{"vehicle_id": 4, "class": "Car", **LCM}]).to_csv(tmp_path / "01_truth_drivers.csv", index=False)
     found = true_drivers(tmp_path, [1]).loc[(1, 4)]
     assert (found["model"], found["reaction_strength"], found["memory_s"]) == ("lcm at once", 1.0, 0.0)
+
+
+def test_drivers_of_another_world_have_errors_and_no_response_of_ours():
+    strange = truth("EIDM", **dict.fromkeys((*LCM, "reference_length_m"), np.nan))
+    table = compared(strange, fits())
+    assert not table["same_family"].any()
+    assert table["error_5s"].notna().all()
+    assert table[["change_true_5s", "tau_true"]].isna().all(axis=None)
+    assert table["reason"].str.contains("EIDM").all()
+    assert all("none of ours" in line and "nan" not in line for line in said(table))
+
+
+def test_a_truth_of_another_world_needs_no_constants_and_one_of_ours_names_the_one_it_lacks(tmp_path):
+    for kind in ("recordingMeta", "tracksMeta", "tracks"):
+        (tmp_path / f"01_{kind}.csv").write_text("id\n")
+    path = tmp_path / "01_truth_drivers.csv"
+    pd.DataFrame([{"vehicle_id": 4, "model": "Krauss"}]).to_csv(path, index=False)
+    assert np.isnan(true_drivers(tmp_path, [1]).loc[(1, 4), "tau"])
+    pd.DataFrame([{"vehicle_id": 4, "model": "idm", "v_desire": 30.0}]).to_csv(path, index=False)
+    with pytest.raises(InputError, match=r"01_truth_drivers\.csv: column 'A' is missing"):
+        true_drivers(tmp_path, [1])
