@@ -260,7 +260,7 @@ def summary_page(
 ) -> str:
     """The results of a run on one page.
 
-    says: the same in words, see ``run_words``; first: what stands in front; short: what stands before all.
+    says: the same in words, see ``run_words``; first: what stands in front of every gain; short: the finding in short.
     """
     lead = (
         f"{len(tables.events)} lane changes of {tables.events['recording_id'].nunique()} recordings.",
@@ -272,7 +272,7 @@ def summary_page(
     )
     words = [Section("What this run says", points=tuple(says), anchor="says")] if says else []
     begin = [Section("In short", points=tuple(short), anchor="short")] if short else []
-    return overview_page("summary.html", "Summary", [*begin, *first, *words, *_sections(tables)], lead)
+    return overview_page("summary.html", "Summary", [*first, *begin, *words, *_sections(tables)], lead)
 
 
 def _sections(tables: SummaryTables) -> Iterator[Section]:
