@@ -260,7 +260,7 @@ def summary_page(
 ) -> str:
     """The results of a run on one page.
 
-    says: the same in words, see ``run_words``; first: what stands in front of every gain; short: the finding in short.
+    says: the same in words, see ``run_words``; first: what stands in front of every gain; short: the finding.
     """
     lead = (
         f"{len(tables.events)} lane changes of {tables.events['recording_id'].nunique()} recordings.",
