@@ -74,9 +74,9 @@ CONSTANTS: Final = (
     Constant("idle", 0.0, 1.0, 0.0, 0.3, "", "weight of nothing happens behind who is 2 m/s faster"),
     Constant("relaxation", 0.0, 30.0, 0.0, 5.0, "s", "time in which the jump at a change of leader fades"),
 )
+"""The prior's centres are the constants found on seven real recordings (equations.md 3.12)."""
 OPTIONAL: Final = ("truck_A", "own_offset", "idle")
 """Constants that count where they predict drivers better that they were not fitted to."""
-"""The prior's centres are the constants found on seven real recordings (equations.md 3.12)."""
 
 NAMES: Final = tuple(c.name for c in CONSTANTS)
 _LOW, _HIGH = np.array([c.low for c in CONSTANTS]), np.array([c.high for c in CONSTANTS])
