@@ -191,6 +191,8 @@ def s_third(u: Real) -> Real:
 def lateral(u: float, T: float, D: float, start: StartState) -> tuple[float, float]:
     """y [m] and ydot [m/s] at u = t / T."""
     way = D - start.y
+    if start.vy == 0.0 and start.ay == 0.0:
+        return start.y + way * z_shape(u), way * (z_rate(u) / T)
     y = start.y + way * z_shape(u) + T * start.vy * s_shape(u) + T * T * start.ay * r_shape(u)
     return y, way * (z_rate(u) / T) + start.vy * s_rate(u) + T * start.ay * r_rate(u)
 
@@ -199,6 +201,8 @@ def lateral(u: float, T: float, D: float, start: StartState) -> tuple[float, flo
 def lateral_jerk(u: float, T: float, D: float, start: StartState) -> float:
     """ydddot [m/s^3] at u = t / T."""
     way = D - start.y
+    if start.vy == 0.0 and start.ay == 0.0:
+        return way * (z_third(u) / (T * T * T))
     own = start.vy / (T * T) * s_third(u) + start.ay / T * r_third(u)
     return way * (z_third(u) / (T * T * T)) + own
 

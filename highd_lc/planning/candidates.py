@@ -162,10 +162,11 @@ def evaluate_into(
                 insertion = int(crowd.joined[draw, 0])
                 if insertion > 0:
                     insertion = reaches(crowd.reactions[draw, 0, MOMENT], n[row], scene.dt, scene.D, scene.start)
-                ahead[:], ahead_v[:] = av_front, av_v
                 for k in range(insertion):
                     ahead[k * WIDTH : (k + 1) * WIDTH] = scene.target_front[k]
                     ahead_v[k * WIDTH : (k + 1) * WIDTH] = scene.target_v[k]
+                since = max(insertion, 0) * WIDTH
+                ahead[since:], ahead_v[since:] = av_front[since:], av_v[since:]
                 each_T[draw], each_H[draw] = 0.0, 0.0
                 for i in range(len(scene.follower_x)):
                     moments = (insertion, crossing)
@@ -179,8 +180,8 @@ def evaluate_into(
                     if asks and scene.asks_all:
                         who = (1 if i else 2) * roles + leaders + i
                         length = scene.follower_length[i - 1] if i else scene.length
-                        since, asked = (0, False) if i else (crossing, insertion > crossing)
-                        meet_ahead(who, since, asked, length, state, ahead if i else av_front, own, contact, role)
+                        looked, asked = (0, False) if i else (crossing, insertion > crossing)
+                        meet_ahead(who, looked, asked, length, state, ahead if i else av_front, own, contact, role)
                     if asks and behind_leader and i == 0:
                         drive_through(0, crossing, roles + leaders, rear, state, own, contact, role)
                     if asks:
@@ -278,7 +279,7 @@ def _driving(family: int, reacts: bool) -> Any:
     and its smallest spacing to whom it follows (to the AV: from the crossing on).
     """
 
-    @njit(cache=True, nogil=True, error_model="numpy", **UNALIASED)
+    @njit(cache=True, nogil=True, fastmath={"arcp"}, error_model="numpy", **UNALIASED)
     def drive(
         i: int,
         n: int,

@@ -26,7 +26,7 @@ from highd_lc.planning.scene import PackedScene
 FloatArray = NDArray[np.float64]
 
 
-@njit(cache=True, nogil=True, error_model="numpy", **UNALIASED)
+@njit(cache=True, nogil=True, fastmath={"arcp"}, error_model="numpy", **UNALIASED)
 def drive_av(
     n: int,
     state: FloatArray,
@@ -46,9 +46,11 @@ def drive_av(
         state[TO_T * WIDTH + w] = 0.0
     for k in range(n + 1):
         u = k / n
-        base, z, q = half + v0 * k * dt + T * T * ax * r_shape(u), z_shape(u), T * q_shape(u)
-        v_base, dz, dq = v0 + T * ax * r_rate(u), z_rate(u) / T, q_rate(u)
-        j_base, j_z, j_q = ax / T * r_third(u), z_third(u) / (T * T * T), q_third(u) / (T * T)
+        base, z, q = half + v0 * k * dt, z_shape(u), T * q_shape(u)
+        v_base, dz, dq = v0, z_rate(u) / T, q_rate(u)
+        j_base, j_z, j_q = 0.0, z_third(u) / (T * T * T), q_third(u) / (T * T)
+        if ax != 0.0:
+            base, v_base, j_base = base + T * T * ax * r_shape(u), v0 + T * ax * r_rate(u), ax / T * r_third(u)
         _, vy = lateral(u, T, scene.D, scene.start)
         jy = abs(lateral_jerk(u, T, scene.D, scene.start))
         for w in range(WIDTH):

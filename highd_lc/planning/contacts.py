@@ -34,6 +34,8 @@ STATE_ROWS = 10
 _OTHERS = TABLE3_MEANS.as_array()
 _STEP = 4.0
 """More than two vehicles come nearer in a sample [m]."""
+_BLOCK = 8
+"""Samples that are looked at together for whether anybody comes near."""
 
 Place = tuple[float, float, float, float]
 
@@ -88,11 +90,18 @@ def _near(k: int, shift: float, limit: float, av_front: FloatArray) -> int:
 
 
 @njit(inline="always")
-def _near_pair(k: int, shift: float, limit: float, av_front: FloatArray, front: FloatArray) -> int:
+def _near_pair(first: int, stop: int, shift: float, limit: float, av_front: FloatArray, front: FloatArray) -> int:
     near = 0
-    for w in range(WIDTH):
-        near += abs(front[k * WIDTH + w] + shift - av_front[k * WIDTH + w]) < limit
+    for at in range(first * WIDTH, stop * WIDTH):
+        near += abs(front[at] + shift - av_front[at]) < limit
     return near
+
+
+@njit(inline="always")
+def _beside(k: int, other_y: float, room: float, y: FloatArray, reach: FloatArray) -> bool:
+    """Whether the AV, at sample k or on the way to it, is too near sideways to somebody at other_y."""
+    j = max(k - 1, 0)
+    return min(abs(other_y - y[j]), abs(other_y - y[k])) < max(reach[j], reach[k]) + room
 
 
 @njit(inline="always")
@@ -184,21 +193,24 @@ def _meet_behind(
     shift = scene.length / 2.0 - back
     a2, b2 = axes
     limit = scene.a + a2 + scene.rear_to_centre + scene.safety.clearance
-    for k in range(last + 1):
-        j = max(k - 1, 0)
-        dy0, dy = other_y - y[j], other_y - y[k]
-        if (
-            min(abs(dy0), abs(dy)) >= max(reach[j], reach[k]) + b2 + scene.safety.clearance
-            or _near_pair(k, shift, limit + _STEP, av_front, front) == 0
-        ):
+    room, first = b2 + scene.safety.clearance, 0
+    while first <= last and not _beside(first, other_y, room, y, reach):
+        first += 1
+    for block in range(first, last + 1, _BLOCK):
+        stop = min(block + _BLOCK, last + 1)
+        if _near_pair(block, stop, shift, limit + _STEP, av_front, front) == 0:
             continue
-        for w in range(WIDTH):
-            dx0 = front[j * WIDTH + w] + shift - av_front[j * WIDTH + w]
-            dx = front[k * WIDTH + w] + shift - av_front[k * WIDTH + w]
-            if k < contact[w] and min(abs(dx0), abs(dx)) < limit:
-                before = (dx0, dy0, av_v[j * WIDTH + w], vy[j])
-                now = (dx, dy, av_v[k * WIDTH + w], vy[k])
-                _record(k, w, who, before, now, a2, b2, scene, contact, role)
+        for k in range(block, stop):
+            if not _beside(k, other_y, room, y, reach):
+                continue
+            j = max(k - 1, 0)
+            for w in range(WIDTH):
+                dx0 = front[j * WIDTH + w] + shift - av_front[j * WIDTH + w]
+                dx = front[k * WIDTH + w] + shift - av_front[k * WIDTH + w]
+                if k < contact[w] and min(abs(dx0), abs(dx)) < limit:
+                    before = (dx0, other_y - y[j], av_v[j * WIDTH + w], vy[j])
+                    now = (dx, other_y - y[k], av_v[k * WIDTH + w], vy[k])
+                    _record(k, w, who, before, now, a2, b2, scene, contact, role)
 
 
 @njit(cache=True, nogil=True, error_model="numpy", **UNALIASED)

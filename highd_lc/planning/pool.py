@@ -63,12 +63,18 @@ class Pool:
         pool = Pool(*(np.concatenate([getattr(p, f) for p in pools]) for f in self.__dataclass_fields__))
         for accounting, kept in self._feasible.items():
             pool._feasible[accounting] = np.concatenate([kept, *(p.feasible(accounting) for p in others)])
+        for goal, value in self._unconstrained.items():
+            pool._unconstrained[goal] = np.concatenate([value, *(p.unconstrained(goal) for p in others)])
         for goal, value in self._objective.items():
             pool._objective[goal] = np.concatenate([value, *(p.objective(goal) for p in others)])
         return pool
 
     @cached_property
     def _feasible(self) -> dict[str, NDArray[np.bool_]]:
+        return {}
+
+    @cached_property
+    def _unconstrained(self) -> dict[Goal, FloatArray]:
         return {}
 
     @cached_property
@@ -116,7 +122,9 @@ class Pool:
 
     def unconstrained(self, goal: Goal) -> FloatArray:
         """Joint objective of each candidate, feasible or not."""
-        return joint_objective(*self.losses(goal.accounting), goal.omega_av)
+        if goal not in self._unconstrained:
+            self._unconstrained[goal] = joint_objective(*self.losses(goal.accounting), goal.omega_av)
+        return self._unconstrained[goal]
 
     def objective(self, goal: Goal) -> FloatArray:
         """Joint objective of each candidate, infinite where infeasible."""
