@@ -82,7 +82,8 @@ def vector_exp(x: float) -> float:
     middle = _fused(r2, _fused(_C7, r, _C6), _fused(_C5, r, _C4))
     high = _fused(r4, _C12, _fused(r2, _fused(_C11, r, _C10), _fused(_C9, r, _C8)))
     scale: float = _float_of((_bits_of(shifted) + np.int64(1023)) << np.int64(52))
-    return _fused(r4, _fused(r4, high, middle), low) * scale
+    value: float = _fused(r4, _fused(r4, high, middle), low) * scale
+    return value
 
 
 # exp(40) = 2e17 m/s^2 is far outside anything that a simulation survives with positive speed; the cap only

@@ -20,8 +20,9 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from highd_lc.drivers import models, population
-from highd_lc.drivers.population import Population
+from highd_lc.drivers import models
+from highd_lc.drivers.population import PRIOR, Population
+from highd_lc.drivers.population_fit import fit
 from highd_lc.drivers.responses import HARDEST, TIME_STEP, Behaviours, Fold, Responses, Simulated, folds
 from highd_lc.vocab import names
 from highd_lc.vocab.driver import PARAMETERS
@@ -296,7 +297,7 @@ class CrossFit:
     def drives(self, name: str, responses: Responses, fits: models.Fits) -> models.Drives:
         """Family and behaviours of the followers under a model (see ``models.drives``)."""
         if parse(name).base != names.POPULATION:
-            return models.drives(name, responses, fits, population.PRIOR, moment=self.moment)
+            return models.drives(name, responses, fits, PRIOR, moment=self.moment)
         if self.given is not None:
             return models.drives(name, responses, fits, self.given)
         family, found = np.full(len(responses), names.LCM, dtype=object), []
@@ -314,7 +315,7 @@ class CrossFit:
 
     def _fit(self, fold: Fold, without: tuple[str, ...]) -> Population:
         taught = thinned(self.responses.take(fold.taught & (self.responses.n >= _LEAST_SAMPLES)))
-        return population.fit(taught, source=fold.word, without=without, hardest=self.hardest)
+        return fit(taught, source=fold.word, without=without, hardest=self.hardest)
 
     def spreads(self, name: str, responses: Responses) -> FloatArray:
         """How much drivers differ about each response's parameters under a model, (R, 6); 0 where unknown."""

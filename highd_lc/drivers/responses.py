@@ -245,6 +245,88 @@ def _simulate_any(
     _simulate(family, p, joins, ahead, x0, v0, hardest, out)
 
 
+SETS: Final = 16
+"""Sets of behaviours that are driven side by side."""
+_X, _V, _JUMP, _JUMP_V, _M, _KEPT, _FADES = range(7)
+"""Rows of their scratch: front, speed, what is credited of the jump, what memory has left, how both fade."""
+
+
+def speeds_of_sets(
+    family: str, sets: Behaviours, ahead: Ahead, joins: IntArray, start: FloatArray, *, every: int, hardest: float
+) -> FloatArray:
+    """Speeds [m/s] of every response under each of ``SETS`` sets of behaviours, every so many samples.
+
+    sets: behaviours of shape (R, SETS); ahead: arrays of shape (R, K), a response's samples side by side; joins
+    (R,); start: fronts and speeds, shape (2, R). The step is that of ``simulate``. The speeds have the shape
+    (R, (K - 1) // every, SETS).
+    """
+    count, samples = ahead.x.shape
+    out, scratch = np.empty((count, (samples - 1) // every, SETS)), np.empty((_FADES + 1) * SETS)
+    drive = _sets_of_idm if family_code(family) == IDM else _sets_of_lcm
+    drive(sets, ahead, joins, start, every, hardest, scratch, out)
+    return out
+
+
+@njit(inline="always")
+def _drive_sets(
+    family: int, p: Behaviours, ahead: Ahead, joins: IntArray, start: FloatArray, every: int, hardest: float,
+    s: FloatArray, out: FloatArray,
+) -> None:  # fmt: skip
+    """See ``speeds_of_sets``. family: a constant where this is inlined; s: scratch."""
+    count, samples = ahead.x.shape
+    for r in range(count):
+        for w in range(SETS):
+            memory, relaxation = p.memory[r, w], p.relaxation[r, w]
+            s[_X * SETS + w], s[_V * SETS + w] = start[0, r], start[1, r]
+            s[_JUMP * SETS + w], s[_JUMP_V * SETS + w] = 0.0, 0.0
+            s[_M * SETS + w] = 1.0 if memory > 0.0 else 0.0
+            s[_KEPT * SETS + w] = np.exp(-TIME_STEP / memory) if memory > 0.0 else 0.0
+            s[_FADES * SETS + w] = TIME_STEP / relaxation if relaxation > 0.0 else 1e9
+        for k in range(samples):
+            front, speed, length = ahead.x[r, k], ahead.v[r, k], ahead.length[r, k]
+            joined, since = k >= joins[r], float(k - joins[r])
+            if k == joins[r]:
+                old = ahead.before_x[r, k] if ahead.before_x[r, k] < NO_LEADER / 2.0 else np.inf
+                for w in range(SETS):
+                    if p.relaxation[r, w] == 0.0:
+                        continue
+                    x, v = s[_X * SETS + w], s[_V * SETS + w]
+                    credit, credit_v = jump(
+                        family, v, front - x, speed, old - x, ahead.before_v[r, k], p.b[r, w], p.B[r, w],
+                        p.tau[r, w], p.L[r, w],
+                    )  # fmt: skip
+                    s[_JUMP * SETS + w], s[_JUMP_V * SETS + w] = credit, credit_v
+            if k > 0 and k % every == 0:
+                for w in range(SETS):
+                    out[r, k // every - 1, w] = s[_V * SETS + w]
+            for w in range(SETS):
+                x, v, m = s[_X * SETS + w], s[_V * SETS + w], s[_M * SETS + w]
+                fading = max(1.0 - since * s[_FADES * SETS + w], 0.0) if joined else 0.0
+                a = follower_command(
+                    family, v, front - x, speed, length, p.v_desire[r, w], p.A[r, w], p.b[r, w], p.B[r, w],
+                    p.tau[r, w], p.L[r, w] if joined else p.L_before[r, w], fading * s[_JUMP * SETS + w],
+                    fading * s[_JUMP_V * SETS + w], m, p.a_0[r, w], p.drift[r, w], p.need[r, w], hardest,
+                )  # fmt: skip
+                s[_X * SETS + w], s[_V * SETS + w] = advance(x, v, a, TIME_STEP)
+                s[_M * SETS + w] = m * s[_KEPT * SETS + w]
+
+
+@njit(cache=True, nogil=True, error_model="numpy", **UNALIASED)
+def _sets_of_lcm(
+    sets: Behaviours, ahead: Ahead, joins: IntArray, start: FloatArray, every: int, hardest: float, s: FloatArray,
+    out: FloatArray,
+) -> None:  # fmt: skip
+    _drive_sets(LCM, sets, ahead, joins, start, every, hardest, s, out)
+
+
+@njit(cache=True, nogil=True, error_model="numpy", **UNALIASED)
+def _sets_of_idm(
+    sets: Behaviours, ahead: Ahead, joins: IntArray, start: FloatArray, every: int, hardest: float, s: FloatArray,
+    out: FloatArray,
+) -> None:  # fmt: skip
+    _drive_sets(IDM, sets, ahead, joins, start, every, hardest, s, out)
+
+
 LEAST_RECORDINGS: Final = 4
 """With fewer recordings, blocks of time are left out."""
 

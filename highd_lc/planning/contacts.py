@@ -101,7 +101,8 @@ def _near_pair(first: int, stop: int, shift: float, limit: float, av_front: Floa
 def _beside(k: int, other_y: float, room: float, y: FloatArray, reach: FloatArray) -> bool:
     """Whether the AV, at sample k or on the way to it, is too near sideways to somebody at other_y."""
     j = max(k - 1, 0)
-    return min(abs(other_y - y[j]), abs(other_y - y[k])) < max(reach[j], reach[k]) + room
+    beside: bool = min(abs(other_y - y[j]), abs(other_y - y[k])) < max(reach[j], reach[k]) + room
+    return beside
 
 
 @njit(inline="always")

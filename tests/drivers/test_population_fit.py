@@ -9,6 +9,7 @@ from made_responses import made
 from highd_lc.core.lcm import lcm_acceleration
 from highd_lc.drivers import population
 from highd_lc.drivers.population import CONSTANTS, NAMES, PRIOR, Population
+from highd_lc.drivers.population_fit import fit
 from highd_lc.drivers.prediction import CrossFit
 from highd_lc.drivers.responses import Responses, folds, simulate
 from highd_lc.vocab import names
@@ -35,7 +36,7 @@ def recorded() -> Responses:
 
 
 def test_response_curves_of_its_own_family_are_recovered(recorded: Responses) -> None:
-    fitted = population.fit(recorded, source="all")
+    fitted = fit(recorded, source="all")
     fresh = made(60, seed=11)
     true, found = population.respond(TRUE, fresh), population.respond(fitted, fresh)
     change = np.abs(true.v[50] - true.v[0])
@@ -43,17 +44,17 @@ def test_response_curves_of_its_own_family_are_recovered(recorded: Responses) ->
 
 
 def test_without_responses_the_prior_stands() -> None:
-    assert population.fit(made(0), source="none") is PRIOR
+    assert fit(made(0), source="none") is PRIOR
 
 
 def test_constants_stay_within_their_bounds(recorded: Responses) -> None:
-    fitted = population.fit(recorded, source="all")
+    fitted = fit(recorded, source="all")
     for constant, value in zip(CONSTANTS, fitted.constants, strict=True):
         assert constant.low <= value <= constant.high
 
 
 def test_parts_left_out_are_zero(recorded: Responses) -> None:
-    fitted = population.fit(recorded, source="all", without=("memory", "relaxation"))
+    fitted = fit(recorded, source="all", without=("memory", "relaxation"))
     assert fitted["memory"] == 0.0
     assert fitted["relaxation"] == 0.0
 
@@ -96,9 +97,9 @@ def test_an_optional_constant_counts_where_it_predicts_others_better() -> None:
     responses = replace(responses, truck=np.arange(160) % 3 == 0)
     truth = np.where(np.array(NAMES) == "truck_A", 0.35, TRUE.constants)
     recorded = driven(responses, replace(TRUE, constants=truth), noise=0.02)
-    found = population.fit(recorded, source="all")
+    found = fit(recorded, source="all")
     assert found["truck_A"] < 0.7
-    plain = population.fit(driven(responses, TRUE, noise=0.02), source="all")
+    plain = fit(driven(responses, TRUE, noise=0.02), source="all")
     assert abs(plain["truck_A"] - 1.0) < 0.1
 
 
@@ -138,7 +139,7 @@ def test_drivers_drawn_with_the_spread_differ_as_much_as_the_recorded_ones() -> 
         own = b._replace(tau=np.maximum(b.tau + sd * rng.normal(size=240), 0.3))
         found = simulate(names.LCM, own, responses)
         v = found.v + 0.05 * rng.normal(size=found.v.shape)
-        fitted = population.fit(replace(responses, x=found.x, v=v), source="all")
+        fitted = fit(replace(responses, x=found.x, v=v), source="all")
         mean = population.behaviours(fitted.constants, responses, fitted.moment)
         drawn = {p: np.maximum(getattr(mean, p) + s * rng.normal(size=240), 0.2) for p, s in _spreads(fitted)}
         middle, other = (simulate(names.LCM, one, responses).v for one in (mean, mean._replace(**drawn)))
@@ -160,7 +161,7 @@ IDM = Population(np.array([OF_IDM[name] for name in NAMES]), 0.3, 0, "made", fam
 
 @pytest.mark.parametrize("truth", [TRUE, IDM])
 def test_the_family_is_that_of_the_drivers(truth: Population) -> None:
-    fitted = population.fit(driven(made(160, seed=7), truth, noise=0.05), source="all")
+    fitted = fit(driven(made(160, seed=7), truth, noise=0.05), source="all")
     assert fitted.family == truth.family
     fresh = made(60, seed=11)
     true, found = population.respond(truth, fresh), population.respond(fitted, fresh)
@@ -169,7 +170,7 @@ def test_the_family_is_that_of_the_drivers(truth: Population) -> None:
 
 def test_few_responses_choose_no_family() -> None:
     few = driven(made(60, seed=7), IDM, noise=0.05)
-    assert population.fit(few, source="few").family == names.LCM
+    assert fit(few, source="few").family == names.LCM
 
 
 def test_an_idle_idm_does_a_share_of_what_it_would() -> None:

@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 from made_responses import T, made
 
+from highd_lc.core.kernels import plain
 from highd_lc.core.lcm import lcm_acceleration
 from highd_lc.drivers.models import Fits, drives
 from highd_lc.drivers.population import PRIOR
-from highd_lc.drivers.responses import Behaviours, Responses, simulate
+from highd_lc.drivers.responses import SETS, Ahead, Behaviours, Responses, ahead_of, simulate, speeds_of_sets
 from highd_lc.vocab import names
 from highd_lc.vocab.driver import TABLE3_MEANS
 
@@ -50,6 +51,27 @@ def test_a_simulated_follower_is_that_of_the_plain_equations(name: str) -> None:
     found = simulate(family, b, responses, hardest=HARDEST)
     for i in range(len(responses)):
         np.testing.assert_allclose(found.v[:, i], twin(b, responses, i, HARDEST), atol=1e-9)
+
+
+@pytest.mark.parametrize("family", [names.LCM, names.IDM])
+@pytest.mark.parametrize("leader", [True, False])
+@pytest.mark.parametrize("relaxation", [0.0, 8.0])
+def test_sets_side_by_side_are_driven_as_each_by_itself(family: str, leader: bool, relaxation: float) -> None:
+    responses = made(20, leader=leader)
+    _, b = drives_of("population", responses)
+    sets = [b._replace(tau=b.tau * (0.5 + 0.1 * j), relaxation=relaxation + 0.0 * b.tau) for j in range(SETS)]
+    joins = responses.joins(b.moment)
+    found = speeds_of_sets(
+        family,
+        Behaviours(*(plain(np.stack(values, axis=1)) for values in zip(*sets, strict=True))),
+        Ahead(*(plain(values.T) for values in ahead_of(responses, joins))),
+        joins,
+        np.stack([responses.x[0], responses.v[0]]),
+        every=5,
+        hardest=HARDEST,
+    )
+    for j, one in enumerate(sets):
+        np.testing.assert_array_equal(found[:, :, j], simulate(family, one, responses).v[5::5].T)
 
 
 def test_nothing_happens_at_constant_speed() -> None:
