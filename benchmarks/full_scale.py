@@ -41,7 +41,9 @@ _FIXED_FORM = {
     "multibody_sample": "0",
     "safety_sample": "0",
     "also_sample": "0",
+    "validate.closed_loop.events": "0",
 }
+"""Keys, with their section where others of another section have the same."""
 _SAMPLE_SECONDS = 0.1
 _LOOKS_AT_MEMORY = 10
 """One in so many samples looks at the memory: at every one the watching took a quarter of a core."""
@@ -129,8 +131,11 @@ def _pipeline(case: str, place: Path) -> Path:
     optimiser = '"screen"' if case == "fixed-screen" else '"ga"'
     changes = {} if case == "default" else {**_FIXED_FORM, "optimiser": optimiser}
     lines = (pipelines_folder() / "highd.toml").read_text(encoding="utf-8").splitlines()
-    keys = [line.split(" = ")[0] for line in lines]
-    changed = [f"{k} = {changes[k]}" if k in changes else line for k, line in zip(keys, lines, strict=True)]
+    section, changed = "", []
+    for line in lines:
+        section, key = line.strip("[]") if line.startswith("[") else section, line.split(" = ")[0]
+        value = changes.get(f"{section}.{key}", changes.get(key))
+        changed.append(line if value is None else f"{key} = {value}")
     path = place / "pipeline.toml"
     path.write_text("\n".join(changed), encoding="utf-8")
     return path
