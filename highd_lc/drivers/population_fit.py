@@ -152,14 +152,22 @@ class _Descent:
 
 
 def fit(
-    responses: Responses, *, source: str, without: tuple[str, ...] = (), hardest: float = HARDEST
+    responses: Responses,
+    *,
+    source: str,
+    without: tuple[str, ...] = (),
+    hardest: float = HARDEST,
+    like: Population | None = None,
 ) -> Population:
     """The population of these responses; the prior where there are none.
 
-    without: constants held at 0, such as ``memory`` or ``relaxation``. hardest: bound of braking [m/s^2].
+    without: constants held at 0, such as ``memory`` or ``relaxation``. hardest: bound of braking [m/s^2]. like:
+    the population of the same responses with all of its parts, whose moment, family and options are kept.
     """
     if not len(responses):
         return PRIOR
+    if like is not None:
+        return _ablated(like, responses, source, without, hardest)
     options = [name for name in OPTIONAL if name not in without]
     problem, constants = _best_moment(names.LCM, responses, (*without, *OPTIONAL), hardest)
     bare = _held_out(problem, constants)
@@ -173,6 +181,18 @@ def fit(
         constants, _ = _descend(replace(problem, pinned=freed), constants)
     spread = _spread(problem, constants)
     return Population(constants, problem.moment, len(responses), source, spread, problem.family)
+
+
+def _ablated(
+    like: Population, responses: Responses, source: str, without: tuple[str, ...], hardest: float
+) -> Population:
+    """A population without some of its parts, fitted anew from where it stands."""
+    unused = np.isin(NAMES, OPTIONAL) & (like.constants == NEUTRAL)
+    pinned = np.isin(NAMES, (*without, *WITHOUT[like.family])) | unused
+    problem = _Descent(like.family, responses, like.moment, pinned, hardest)
+    constants, _ = _descend(problem, np.where(pinned, NEUTRAL, like.constants))
+    spread = _spread(problem, constants)
+    return replace(like, constants=constants, n_responses=len(responses), source=source, spread=spread)
 
 
 def _best_moment(

@@ -289,8 +289,12 @@ class CrossFit:
     def populations(self, without: tuple[str, ...] = ()) -> list[tuple[Fold, Population]]:
         """Each fold with its constants."""
         if without not in self._fitted:
+            whole = [fitted for _, fitted in self.populations()] if without else [None] * len(self._folds)
             with ThreadPoolExecutor(self.workers) as pool:
-                calls = [pool.submit(self._fit, fold, without) for fold in self._folds]
+                calls = [
+                    pool.submit(self._fit, fold, without, like)
+                    for fold, like in zip(self._folds, whole, strict=True)
+                ]
                 self._fitted[without] = [call.result() for call in calls]
         return list(zip(self._folds, self._fitted[without], strict=True))
 
@@ -311,11 +315,11 @@ class CrossFit:
         if self.given is not None:
             return self.given
         everything = Fold("all recordings", self.responses.n > 0, self.responses.n > 0)
-        return self._fit(everything, ())
+        return self._fit(everything)
 
-    def _fit(self, fold: Fold, without: tuple[str, ...]) -> Population:
+    def _fit(self, fold: Fold, without: tuple[str, ...] = (), like: Population | None = None) -> Population:
         taught = thinned(self.responses.take(fold.taught & (self.responses.n >= _LEAST_SAMPLES)))
-        return fit(taught, source=fold.word, without=without, hardest=self.hardest)
+        return fit(taught, source=fold.word, without=without, hardest=self.hardest, like=like)
 
     def spreads(self, name: str, responses: Responses) -> FloatArray:
         """How much drivers differ about each response's parameters under a model, (R, 6); 0 where unknown."""
