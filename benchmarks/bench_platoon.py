@@ -11,12 +11,12 @@ from highd_lc.vocab.driver import SIMULATION
 DT = 0.1
 
 
-def run(count, seconds, every=1):
+def run(count, seconds):
     start = equal_drivers(count, speed=25.0, spacing=44.0, parameters=SIMULATION.as_array(), length=5.0)
     n = round(seconds / DT) + 1
     v = 25.0 - 5.0 * (np.arange(n) > 2000)
     lead = Lead(10.0 + np.cumsum(v) * DT, v, 5.0)
-    return drive_platoon(start, lead, dt=DT, every=every)
+    return drive_platoon(start, lead, dt=DT)
 
 
 def best_of(action, repeats=5):
@@ -30,8 +30,8 @@ def best_of(action, repeats=5):
 
 
 def main():
-    for count, every in ((10, 1), (100, 1), (1000, 10), (10000, 10)):
-        seconds = best_of(lambda c=count, e=every: run(c, 800.0, e), 5 if count < 1000 else 2)
+    for count in (10, 100, 1000):
+        seconds = best_of(lambda c=count: run(c, 800.0), 5 if count < 1000 else 2)
         steps = count * 8001
         print(f"{count:6d} followers x 800 s: {1e3 * seconds:8.1f} ms, {1e9 * seconds / steps:.2f} ns a step")
     platoon = run(100, 800.0)
