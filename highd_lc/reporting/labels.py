@@ -161,7 +161,7 @@ _PREDICTORS: Final = {
     names.IDM: "IDM",
     names.POPULATION: "population",
 }
-_SECOND_OPINIONS: Final = {IDM_MOTORWAY: "IDM, motorway", DRAWN: "drawn parameters"}
+_SECOND_OPINIONS: Final = {IDM_MOTORWAY: "IDM, motorway", DRAWN: "drawn parameters", names.SUMO: "SUMO"}
 _SUFFIX: Final = {"+": "with", "-": "without"}
 _MOMENTS: Final = {"start": "the start", "crossing": "the crossing"}
 _BORROWED: Final = (

@@ -44,6 +44,7 @@ from highd_lc.stages.statistics import (
     summarise_losses,
     validation_matrix,
 )
+from highd_lc.stages.sumo_scores import SumoTracker, sumo_rows, sumo_summary
 from highd_lc.stages.trajectories import (
     JudgedDrivers,
     Trace,
@@ -91,7 +92,7 @@ from highd_lc.vocab.tables import TABLES
 STAGE = "validate"
 PART_TABLES = (
     "plans", "losses", "tracking", "safety_losses", *STUDY_TABLES, "other_plans",
-    closed_loop.DRIVES, closed_loop.REPLANS, closed_loop.MOTIONS,
+    closed_loop.DRIVES, closed_loop.REPLANS, closed_loop.MOTIONS, "sumo_followers",
 )  # fmt: skip
 
 Row = dict[str, Any]
@@ -164,8 +165,14 @@ def _event_rows(
             yield name, {"followers": one.model, **row}
         study = Study(one.tracker.problem, one.plans, job.settings.seed, one.model)
         others = {other.model: other.tracker for other in planned if other is not one}
-        for row in cross_rows(study, others, one.judges):
+        simulated = {}
+        if one is planned[0] and study.problem.scene.event_id in chosen.simulated:
+            simulated[names.SUMO] = SumoTracker(study.problem, job.settings.seed)
+        for row in cross_rows(study, others, {**one.judges, **simulated}):
             yield "cross_losses", row
+        for sumo in simulated.values():
+            for row in sumo_rows(one, sumo):
+                yield "sumo_followers", row
         if one is planned[0]:
             yield from _study_rows(study, chosen)
             scores = _scores(one)
@@ -319,6 +326,7 @@ def _population(combination: Combination, events: pd.DataFrame) -> Iterator[tupl
     yield "tracking_summary", tracking_summary(_of_default(work, "tracking", models))
     yield "solver_summary", solver_summary(artefacts.read(work, "solver_comparison"))
     yield "leaderboard", leaderboard(work, models[0])
+    yield "sumo_summary", sumo_summary(artefacts.read(work, "sumo_followers"))
 
 
 def _of_each_model(

@@ -47,7 +47,8 @@ class Samples:
     chosen as well, of those among them that are planned with predicted leaders, of those whose plans the
     multi-body car drives, of those that the further follower models plan too, of those planned robustly as
     well, of those with written motions, of those that are planned under both safety profiles, of those that
-    are planned under every choice of the multiverse, and of those that are driven in the closed loop.
+    are planned under every choice of the multiverse, of those that are driven in the closed loop, and of those
+    that are replayed in SUMO.
     """
 
     studied: frozenset[str]
@@ -61,6 +62,7 @@ class Samples:
     priced: frozenset[str]
     varied: frozenset[str]
     replanned: frozenset[str]
+    simulated: frozenset[str]
 
 
 def samples(job: Job) -> Samples:
@@ -70,7 +72,7 @@ def samples(job: Job) -> Samples:
     drawn = _drawn(job.work, drawn_at, settings, job.settings.seed)
     if not settings.studies.chosen:
         return drawn
-    studies = (
+    studies = [
         "studied",
         "compared",
         "started",
@@ -80,7 +82,8 @@ def samples(job: Job) -> Samples:
         "priced",
         "varied",
         "replanned",
-    )
+    ]
+    studies += ["simulated"] * (settings.sumo.events > 0)  # which needs SUMO
     return replace(drawn, **dict.fromkeys(studies, frozenset(settings.studies.chosen)))
 
 
@@ -109,6 +112,7 @@ def _drawn(work: Path, written: int, settings: ValidateSettings, seed: int) -> S
         priced=sample(studies.safety_sample),
         varied=sample(settings.multiverse.sample),
         replanned=sample(settings.closed_loop.events),
+        simulated=sample(settings.sumo.events),
     )
 
 

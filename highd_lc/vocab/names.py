@@ -137,6 +137,8 @@ OWN_FIT: Final = "own_fit"
 MEAN: Final = "mean"
 IDM: Final = "idm"
 POPULATION: Final = "population"
+# Nobody's here: SUMO's drivers, in whose traffic chosen events are replayed.
+SUMO: Final = "sumo"
 # Families of their commands.
 NO_COMMAND: Final = "none"
 LCM: Final = "lcm"
