@@ -18,7 +18,7 @@ from highd_lc.planning.start_planner import plan_starts
 from highd_lc.scoring import charges
 from highd_lc.scoring.charges import Scores
 from highd_lc.stages import closed_loop
-from highd_lc.stages.other_planners import OtherPlanners, leaderboard, other_rows
+from highd_lc.stages.other_planners import OtherPlan, OtherPlanners, leaderboard, other_rows
 from highd_lc.stages.population_tables import (
     cross_scores,
     gain_map,
@@ -49,6 +49,7 @@ from highd_lc.stages.trajectories import (
     JudgedDrivers,
     Trace,
     judged_traces,
+    other_traces,
     planned_traces,
     recorded_traces,
     write_traces,
@@ -114,9 +115,13 @@ def run(job: Job) -> JobReport:
     for event, (event_id, scene_of) in zip(tables.events.itertuples(), makers, strict=True):
         try:
             planned = _planned(scene_of(), tables, job, chosen, judges)
-            found = list(_event_rows(planned, job, chosen, others_asked))
+            others = others_asked.plans(planned[0])
+            found = list(_event_rows(planned, job, chosen, others))
             found += drives.rows(planned[0])
-            traced = list(_traces(event, planned, tables, settings, judged)) if event_id in chosen.traced else []
+            traced: list[Trace] = []
+            if event_id in chosen.traced:
+                traced += _traces(event, planned, tables, settings, judged)
+                traced += other_traces(planned[0], others)
         except Exception as error:
             # One bad event never stops the others, and is left out as a whole: it is listed with its reason.
             problems.append(Problem(job.recording, STAGE, told(event_id, error)))
@@ -158,7 +163,7 @@ def _planned(scene: Scene, tables: SceneTables, job: Job, chosen: Samples, judge
 
 
 def _event_rows(
-    planned: list[Planned], job: Job, chosen: Samples, others_asked: OtherPlanners
+    planned: list[Planned], job: Job, chosen: Samples, asked: Sequence[OtherPlan]
 ) -> Iterator[tuple[str, Row]]:
     for one in planned:
         for name, row in _planned_rows(one):
@@ -176,7 +181,7 @@ def _event_rows(
         if one is planned[0]:
             yield from _study_rows(study, chosen)
             scores = _scores(one)
-            for row in other_rows(one, others_asked, partial(_scored, one.tracker.problem, scores)):
+            for row in other_rows(one, asked, partial(_scored, one.tracker.problem, scores)):
                 yield "other_plans", row
 
 

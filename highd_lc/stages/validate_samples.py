@@ -285,7 +285,7 @@ def tracking_rows(planned: Planned) -> Iterator[Row]:
         row: Row = {"status": plan.status, "contact": ""}
         if driven is not None:
             of_same = next((row for other, row in known if other is driven), None)
-            row = _row(planned.tracker, driven) if of_same is None else of_same
+            row = driven_row(planned.tracker, driven) if of_same is None else of_same
             known.append((driven, row))
         yield {"policy": plan.policy, "plant": plant} | row
 
@@ -294,10 +294,10 @@ def tracking_row(tracker: PlanTracker, plan: Plan, plant: str) -> Row:
     """What tracking makes of a plan on a plant, by the columns of ``tracking``."""
     driven = tracker.drive(plan, plant)
     row: Row = {"policy": plan.policy, "plant": plant, "status": plan.status, "contact": ""}
-    return row if driven is None else row | _row(tracker, driven)
+    return row if driven is None else row | driven_row(tracker, driven)
 
 
-def _row(tracker: PlanTracker, driven: DrivenPlan) -> Row:
+def driven_row(tracker: PlanTracker, driven: DrivenPlan) -> Row:
     """With a plan that cannot be driven, the status alone: every number is missing, none is 0."""
     row: Row = {"status": driven.result.status, "contact": ""}
     if driven.replay is None:
