@@ -36,7 +36,7 @@ class IngestSettings(Section):
     """Reading recordings."""
 
     format: Annotated[
-        Literal["auto", "highd", "ngsim"],
+        Literal["auto", "highd", "ngsim", "tgsim", "exid"],
         Field(description="format of the recordings; auto: by what the folder holds (docs/data.md)"),
     ] = "auto"
     ngsim_smoothing: Annotated[

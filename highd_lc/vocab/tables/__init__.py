@@ -94,7 +94,7 @@ RECORDINGS = Table(
         _RECORDING,
         Column("driving_direction", "int64", "1 = upper carriageway, 2 = lower", minimum=1, maximum=2),
         Column("location_id", "int64", "site of the recording"),
-        _word("format", "format of its files", ("highd", "ngsim")),
+        _word("format", "format of its files", ("highd", "ngsim", "tgsim")),
         _number("frame_rate", "frames a second", "Hz", nullable=False, minimum=0),
         Column("markings", "list<float64>", "lane markings from the right edge, ascending, first 0 [m]"),
         _number("entry_m", "smallest x that a box of the recording reaches", "m", nullable=False),
