@@ -147,7 +147,7 @@ class _Exid:
     columns: ClassVar[Mapping[str, str]] = {}
 
     def found_in(self, data: Path) -> bool:
-        return any(lookalike(first_line(path)).startswith("one of exiD") for path in _tracks_in(data))
+        return any(lookalike(first_line(path)).startswith("one of exiD") for path in _tracks_in(data)[:1])
 
     def _refused(self, data: Path) -> InputError:
         return fault(
@@ -186,7 +186,8 @@ def _tracks_in(data: Path) -> list[Path]:
 
 
 HIGHD: Format = _HighD()
-FORMATS: dict[str, Format] = {known.name: known for known in (HIGHD, _Ngsim(), _Tgsim(), _Exid())}
+EXID: Format = _Exid()
+FORMATS: dict[str, Format] = {known.name: known for known in (HIGHD, _Ngsim(), _Tgsim(), EXID)}
 """By the name that the setting ``ingest.format`` and the option ``--format`` take."""
 
 
@@ -197,7 +198,8 @@ def format_of(data: Path, name: str) -> Format:
     folder holds nothing of the format that is asked for.
     """
     if name == AUTO:
-        return next((known for known in FORMATS.values() if known.found_in(data)), HIGHD)
+        # exiD's files are named as HighD's are: it is looked for first, to be refused with what is missing.
+        return next((known for known in (EXID, *FORMATS.values()) if known.found_in(data)), HIGHD)
     if name != HIGHD.name and not FORMATS[name].found_in(data):
         raise fault(data, f"no file of the format {name}, here or in a folder below")
     return FORMATS[name]

@@ -214,6 +214,7 @@ EXID = "recordingId,trackId,frame,xCenter,yCenter,heading,lonVelocity,laneletId,
 def test_exid_is_recognised_and_refused_with_what_is_missing(tmp_path):
     (tmp_path / "00_tracks.csv").write_text(EXID)
     source = format_of(tmp_path, "exid")
+    assert format_of(tmp_path, "auto") is source
     with pytest.raises(
         InputError, match=r"looks like exiD, which cannot be read: .* expected is highd, ngsim or tgsim"
     ):
