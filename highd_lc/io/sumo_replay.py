@@ -11,7 +11,7 @@ right, by which they would brake for an AV that is on its origin lane still.
 import tempfile
 import threading
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, redirect_stdout
+from contextlib import contextmanager, redirect_stdout, suppress
 from dataclasses import dataclass
 from importlib.util import find_spec
 from io import StringIO
@@ -29,7 +29,7 @@ FloatArray = NDArray[np.float64]
 
 _BEHIND_M, _ROAD_M = 3000.0, 9000.0
 _LANES: Final = 4
-_PAST_M: Final = 0.001
+_PAST_M, _LOST_M = 0.001, 0.01
 _TRUCK_M: Final = 7.5
 """A longer vehicle is a truck: a scene knows sizes, no classes."""
 _NO_DAWDLING: Final = {"Krauss": ' sigma="0"'}
@@ -94,13 +94,20 @@ def drive(
     with _simulation(abs(lateral_shift), dt, seed) as sumo:
         _add(sumo, moved, driven, lateral_shift, list(zip(kinds, wanted, strict=True)))
         for k in range(samples + 1):
-            if k > 0:  # never after the last step: SUMO keeps who was moved, and ends the process in its next run
+            if k > 0:  # never after the last step: what is moved without a step haunts the next run
                 _move(sumo, moved, k, lateral_shift, dt)
             sumo.simulationStep()
             for i in range(len(kinds)):
                 x[i, k], v[i, k] = sumo.vehicle.getLanePosition(f"f{i}"), sumo.vehicle.getSpeed(f"f{i}")
             _show(sumo, moved, k, dt)
+    _refuse_lost(x[:, 0] - _BEHIND_M, driven.front)
     return x[:, :-1] - _BEHIND_M, v[:, :-1], np.diff(v, axis=1) / dt
+
+
+def _refuse_lost(found: FloatArray, wanted: FloatArray) -> None:
+    """Raise InputError if a follower is not where it has to begin."""
+    if lost := np.flatnonzero(~(np.abs(found - wanted) < _LOST_M)).tolist():
+        raise InputError(f"SUMO: follower {lost[0] + 1} is not where it has to begin, at {wanted[lost[0]]:.1f} m")
 
 
 def _kind(length: float, model: str) -> Kind:
@@ -133,6 +140,8 @@ def _simulation(lane_width: float, dt: float, seed: int) -> Iterator[Any]:
             libsumo.start(["sumo", *(str(word) for pair in options.items() for word in pair)])
             yield libsumo
         except libsumo.TraCIException as error:
+            with suppress(libsumo.TraCIException):
+                libsumo.simulationStep()  # what is moved without a step haunts the next run
             raise InputError(f"SUMO: {' '.join(str(error).split())[:300]}") from error
         finally:
             libsumo.close()

@@ -18,7 +18,7 @@ from highd_lc.planning.planner import contact_of, pose, reference_plans
 from highd_lc.scoring.charges import cumulative_losses
 from highd_lc.stages.sumo_scores import SumoTracker, leaders, sumo_summary
 from highd_lc.vocab import names
-from highd_lc.vocab.errors import MissingExtraError
+from highd_lc.vocab.errors import InputError, MissingExtraError
 from highd_lc.vocab.job import Options
 from highd_lc.vocab.settings import Settings, ValidateSettings
 from highd_lc.vocab.tables import TABLES
@@ -94,6 +94,24 @@ def test_who_is_cut_in_on_brakes_soon_after_the_crossing():
     soon = slice(plan.replay.av.crossing, plan.replay.av.crossing + 15)
     assert replayed(problem, plan).a[0, soon].min() < -2.0
     assert replayed(problem, unchanged).a[0, soon].min() > 0.0
+
+
+@needs_sumo
+def test_what_sumo_refuses_is_told_and_leaves_the_next_replay_alone():
+    problem = posed(3)
+    good = replayed(problem)
+    samples = problem.scene.samples
+    still, gone = np.zeros(samples), 5900.0 + 20.0 * np.arange(samples)  # beyond the end of SUMO's road
+    moved = [sumo_replay.Moved(still, still, still, 4.6, 1.9), sumo_replay.Moved(gone, still, still, 4.6, 1.9)]
+    driven = sumo_replay.Driven(np.array([-30.0]), np.array([20.0]), np.array([4.6]), np.array([1.9]))
+    about = {"lateral_shift": 3.5, "dt": 0.1, "model": "EIDM", "seed": 1}
+    with pytest.raises(InputError, match=r"^SUMO: .*m1"):
+        sumo_replay.drive(moved, driven, **about)
+    assert np.array_equal(replayed(problem).x, good.x)
+    outside = replace(driven, front=np.array([-9000.0]))
+    with pytest.raises(InputError, match=r"^SUMO: "):
+        sumo_replay.drive(moved[:1], outside, **about)
+    assert np.array_equal(replayed(problem).x, good.x)
 
 
 @needs_sumo
