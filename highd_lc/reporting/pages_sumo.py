@@ -12,7 +12,7 @@ from highd_lc.vocab import names
 _COLUMNS: Final = (
     Column("policy_label", "Policy"),
     Column("role_label", "Follower"),
-    Column("followers_label", "Driven by"),
+    Column("driven_label", "Driven by"),
     Column("n_compared", "Events", digits=0),
     Column("contacts", "Contacts", digits=0),
     Column("loss", "Loss", digits=2),
@@ -32,8 +32,8 @@ def sumo_sections(summary: pd.DataFrame) -> Iterator[Section]:
     rows = summary.assign(
         policy_label=summary["policy"].map(lambda policy: labels.POLICIES[policy].label),
         role_label=[labels.role(names.target_follower(rank)) for rank in summary["follower"]],
-        followers_label=summary["followers"].map(labels.scored_with),
-    ).sort_values(["policy_label", "follower", "followers"], kind="stable")
+        driven_label=summary["driven_by"].map(labels.scored_with),
+    ).sort_values(["policy_label", "follower", "driven_by"], kind="stable")
     text = (
         "Chosen events replayed in SUMO, which knows none of the follower models here: AV and leaders move along "
         "their ways, the followers drive by SUMO's own model and see the AV from its crossing on. Speed drop: by "

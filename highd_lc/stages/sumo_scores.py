@@ -27,7 +27,7 @@ from highd_lc.vocab.tables import TABLES
 FloatArray = NDArray[np.float64]
 Row = dict[str, Any]
 
-_KEY: Final = ["policy", "followers", "follower"]
+_KEY: Final = ["policy", "driven_by", "follower"]
 _MEANS: Final = ("loss", "peak_decel", "speed_drop_mps")
 
 
@@ -97,7 +97,7 @@ def sumo_rows(planned: Planned, sumo: SumoTracker) -> Iterator[Row]:
         for plan, played in zip(at_start, replays, strict=True):
             met = contact_of(planned.tracker.problem, plan.policy, played, plan.accounting)
             for row in _follower_rows(played, unchanged, planned.tracker.problem):
-                yield {"policy": plan.policy, "followers": model, "contact": met} | row
+                yield {"policy": plan.policy, "driven_by": model, "contact": met} | row
 
 
 def _own(plan: Plan) -> Replay:
@@ -129,9 +129,9 @@ def sumo_summary(found: pd.DataFrame) -> pd.DataFrame:
     met = set(zip(touching["event_id"], touching["policy"], strict=True))
     clear = [pair not in met for pair in zip(found["event_id"], found["policy"], strict=True)]
     rows = []
-    for (policy, followers, follower), own in found.assign(clear=clear).groupby(_KEY, sort=False):
+    for (policy, driven_by, follower), own in found.assign(clear=clear).groupby(_KEY, sort=False):
         kept = own[own["clear"]]
-        about = {"policy": policy, "followers": followers, "follower": follower, "n_events": len(own)}
+        about = {"policy": policy, "driven_by": driven_by, "follower": follower, "n_events": len(own)}
         about |= {"contacts": int(own["contact"].ne("").sum()), "n_compared": len(kept)}
         rows.append(about | {name: float(kept[name].mean()) for name in _MEANS})
     return pd.DataFrame(rows, columns=list(TABLES["sumo_summary"].column_names))

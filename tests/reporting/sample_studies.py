@@ -117,7 +117,7 @@ def studies(**changes: object) -> StudyTables:
             for k in range(1, 9)
         ],
         "sumo_summary": [
-            {"policy": p, "followers": m, "follower": k, "n_events": 9, "contacts": 1, "n_compared": 8,
+            {"policy": p, "driven_by": m, "follower": k, "n_events": 9, "contacts": 1, "n_compared": 8,
              "loss": 20.0 + k, "peak_decel": 1.5, "speed_drop_mps": 3.0 - k}
             for p in (names.HUMAN, *names.FIXED_POLICIES, names.CONSTANT) for m in ("own_fit", names.SUMO)
             for k in (1, 2)

@@ -15,7 +15,9 @@ from highd_lc import engine
 from highd_lc.io import artefacts, sumo_replay
 from highd_lc.io import settings as settings_file
 from highd_lc.planning.planner import contact_of, pose, reference_plans
+from highd_lc.reporting.pages_sumo import sumo_sections
 from highd_lc.scoring.charges import cumulative_losses
+from highd_lc.stages.overview_pages import Overview
 from highd_lc.stages.sumo_scores import SumoTracker, leaders, sumo_summary
 from highd_lc.vocab import names
 from highd_lc.vocab.errors import InputError, MissingExtraError
@@ -161,12 +163,12 @@ def test_who_has_no_sumo_is_told_before_anything_is_done(tmp_path, monkeypatch):
 def test_means_leave_out_what_anybody_drives_through():
     about = {"recording_id": 1, "policy": "benchmark", "follower": 1, "lowest_speed_mps": 20.0, "peak_decel": 1.0}
     rows = [
-        {"event_id": event, "followers": who, "contact": met, "loss": loss, "speed_drop_mps": 2.0, **about}
+        {"event_id": event, "driven_by": who, "contact": met, "loss": loss, "speed_drop_mps": 2.0, **about}
         for event, who, met, loss in (
             ("a", "sumo", "x", 9.0), ("a", "own_fit", "", 8.0), ("b", "sumo", "", 5.0), ("b", "own_fit", "", 4.0),
         )
     ]  # fmt: skip
-    found = sumo_summary(pd.DataFrame(rows)).set_index("followers")
+    found = sumo_summary(pd.DataFrame(rows)).set_index("driven_by")
     assert found["n_events"].tolist() == [2, 2]
     assert found.loc[["sumo", "own_fit"], "contacts"].tolist() == [1, 0]
     assert found.loc[["sumo", "own_fit"], "loss"].tolist() == [5.0, 4.0]
@@ -202,14 +204,23 @@ def test_chosen_events_are_scored_with_sumo_beside_the_models(work):
 @needs_sumo
 def test_the_charges_are_those_of_the_followers_table(work):
     found = artefacts.read(work, "sumo_followers")
-    assert set(found["followers"]) == {names.SUMO, "population"}
+    assert set(found["driven_by"]) == {names.SUMO, "population"}
     unchanged = found[found["policy"] == names.NO_LANE_CHANGE]
     assert (unchanged["speed_drop_mps"] == 0.0).all()
     losses = artefacts.read(work, "losses")
     losses = losses[(losses["accounting"] == "equal") & (losses["followers"] == "population")]
     each = losses.set_index(["event_id", "policy"])["loss_hv_each"]
-    planned = found[(found["followers"] == "population") & found["contact"].eq("")]
+    planned = found[(found["driven_by"] == "population") & found["contact"].eq("")]
     assert len(planned)
     for row in planned.itertuples():
         assert row.loss == pytest.approx(each[row.event_id, row.policy][row.follower - 1])
     assert list(artefacts.read(work, "sumo_summary").columns) == list(TABLES["sumo_summary"].column_names)
+
+
+@needs_sumo
+def test_the_page_of_a_run_shows_sumo_s_followers_beside_the_model_s(work):
+    overview = Overview(work, raw=False, statistics=SETTINGS.statistics, b_max=9.0, model="population")
+    (shown,) = overview.read("sumo_summary").values()
+    (section,) = sumo_sections(shown)
+    assert set(shown["driven_by"]) == {names.SUMO, "population"}
+    assert {row[2] for row in section.tables[0].rows} == {"SUMO", "population"}

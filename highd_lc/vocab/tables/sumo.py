@@ -6,18 +6,18 @@ from highd_lc.vocab import names
 from highd_lc.vocab.tables.columns import Column, Table, count, number, word
 
 _POLICY = word("policy", "whose motion they follow, accounting equal", names.POLICIES)
-_FOLLOWERS = word("followers", f"who drives them: {names.SUMO}, or the follower model that planned")
+_DRIVEN_BY = word("driven_by", f"who drives them: {names.SUMO}, or the follower model that planned")
 _RANK = Column("follower", "int64", "1 = nearest to the AV at t_start", minimum=1)
 
 SUMO_FOLLOWERS = Table(
     "sumo_followers",
     "event of the sample that is replayed in SUMO, policy that starts at t_start, who drives, and follower",
-    ("recording_id", "event_id", "policy", "followers", "follower"),
+    ("recording_id", "event_id", "policy", "driven_by", "follower"),
     (
         word("event_id", "RR-VVVV-FFFFF: recording, ego, crossing frame"),
         Column("recording_id", "int64", "number in the recording's file name", minimum=0),
         _POLICY,
-        _FOLLOWERS,
+        _DRIVEN_BY,
         _RANK,
         word("contact", "who drives through whom over 0..H; empty = nobody"),
         number("loss", "the follower's loss over 0..H, without its weight", nullable=False, minimum=0),
@@ -36,10 +36,10 @@ SUMO_FOLLOWERS = Table(
 SUMO_SUMMARY = Table(
     "sumo_summary",
     "policy, who drives, and follower; over the events in which nobody comes to a contact, whoever drives",
-    ("policy", "followers", "follower"),
+    ("policy", "driven_by", "follower"),
     (
         _POLICY,
-        _FOLLOWERS,
+        _DRIVEN_BY,
         _RANK,
         count("n_events", "events with that follower and a plan"),
         count("contacts", "of these, events with a contact, these followers driving: in no mean"),
