@@ -59,7 +59,8 @@ _WHICH = f"TOML file or shipped name: {', '.join(_shipped())}; default: highd wi
 Pipeline = Annotated[str | None, typer.Option(help=_WHICH, autocompletion=_shipped)]
 Data = Annotated[Path | None, typer.Option(help="folder of recordings; default data/highd, else synthetic")]
 Format = Annotated[
-    str | None, typer.Option("--format", metavar="highd|ngsim", help="of the recordings; default: by content")
+    str | None,
+    typer.Option("--format", metavar="highd|ngsim|tgsim|exid", help="of the recordings; default: by content"),
 ]
 Reports = Annotated[Path, typer.Option(help="folder of the pages")]
 Workers = Annotated[int, typer.Option(min=1, max=256, help="local processes")]

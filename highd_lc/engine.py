@@ -92,6 +92,10 @@ def _refuse_at_once(settings: Settings, options: Options) -> None:
         from highd_lc.stages.other_planners import OtherPlanners  # seconds, and few runs have any
 
         OtherPlanners.of(settings.validation.planners)
+    if settings.validation.sumo.events:
+        from highd_lc.io.sumo_replay import refuse_missing
+
+        refuse_missing()
 
 
 def compare_with_truth(settings: Settings, options: Options, *, console: Console) -> list[str]:

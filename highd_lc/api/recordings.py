@@ -132,7 +132,7 @@ def read_recording(
             above it; files may be packed as ``.gz``.
         number: RR, the number of the recording; of NGSIM the place among the folder's periods, from 1.
         pipeline: TOML file with settings, or the name of a shipped one.
-        format: ``auto`` (by what the folder holds), ``highd``, ``ngsim``; None = the pipeline's.
+        format: ``auto`` (by what the folder holds), ``highd``, ``ngsim``, ``tgsim``; None = the pipeline's.
 
     Returns:
         The recording. What only some of its vehicles contradict stands in its ``warnings``.

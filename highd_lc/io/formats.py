@@ -5,8 +5,9 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar, Protocol
 
-from highd_lc.io import highd_files, ngsim_files
-from highd_lc.io.highd_csv import fault
+from highd_lc.io import highd_files, ngsim_files, tgsim_files
+from highd_lc.io.highd_csv import fault, first_line, lookalike
+from highd_lc.vocab.errors import InputError
 from highd_lc.vocab.settings import IngestSettings
 
 if TYPE_CHECKING:
@@ -108,8 +109,85 @@ class _Ngsim:
         return self.read(data, recording, settings).meta
 
 
+class _Tgsim:
+    """TGSIM as US DOT publishes it: a file a site, one or several runs in it (see ``io.tgsim``)."""
+
+    name = "tgsim"
+    columns: ClassVar[Mapping[str, str]] = tgsim_files.PLACE_OF
+
+    def found_in(self, data: Path) -> bool:
+        return bool(tgsim_files.find_files(data))
+
+    def discover(self, data: Path) -> list[int]:
+        return list(range(1, 1 + len(tgsim_files.runs(data))))
+
+    def folders(self, data: Path) -> list[Path]:
+        return sorted({path.parent for path in tgsim_files.find_files(data)})
+
+    def remarks(self, data: Path) -> list[str]:
+        return tgsim_files.left_out(data)
+
+    def input_files(self, data: Path, recording: int) -> tuple[Path, Path, Path]:
+        path = tgsim_files.run(data, recording).path
+        return path, path, path
+
+    def read(self, data: Path, recording: int, settings: IngestSettings) -> "Recording":
+        from highd_lc.io import tgsim
+
+        return tgsim.read_recording(tgsim_files.run(data, recording), recording)
+
+    def read_meta(self, data: Path, recording: int, settings: IngestSettings) -> "RecordingMeta":
+        return self.read(data, recording, settings).meta
+
+
+class _Exid:
+    """exiD: recognised, and refused with what is missing; its files are named as HighD's are."""
+
+    name = "exid"
+    columns: ClassVar[Mapping[str, str]] = {}
+
+    def found_in(self, data: Path) -> bool:
+        return any(lookalike(first_line(path)).startswith("one of exiD") for path in _tracks_in(data)[:1])
+
+    def _refused(self, data: Path) -> InputError:
+        return fault(
+            data,
+            "looks like exiD, which cannot be read: its lanes are ids of a lanelet map and its coordinates go "
+            "round bends and ramps: neither lanes side by side nor places along the road are in the files; "
+            "expected is highd, ngsim or tgsim",
+        )
+
+    def discover(self, data: Path) -> list[int]:
+        raise self._refused(data)
+
+    def folders(self, data: Path) -> list[Path]:
+        raise self._refused(data)
+
+    def remarks(self, data: Path) -> list[str]:
+        raise self._refused(data)
+
+    def input_files(self, data: Path, recording: int) -> tuple[Path, Path, Path]:
+        raise self._refused(data)
+
+    def read(self, data: Path, recording: int, settings: IngestSettings) -> "Recording":
+        raise self._refused(data)
+
+    def read_meta(self, data: Path, recording: int, settings: IngestSettings) -> "RecordingMeta":
+        raise self._refused(data)
+
+
+def _tracks_in(data: Path) -> list[Path]:
+    """The files of tracks that are named as HighD's are."""
+    try:
+        found = highd_files.find_files(data)
+    except InputError:
+        return []
+    return [path for (_, kind), path in found.items() if kind == "tracks"]
+
+
 HIGHD: Format = _HighD()
-FORMATS: dict[str, Format] = {known.name: known for known in (HIGHD, _Ngsim())}
+EXID: Format = _Exid()
+FORMATS: dict[str, Format] = {known.name: known for known in (HIGHD, _Ngsim(), _Tgsim(), EXID)}
 """By the name that the setting ``ingest.format`` and the option ``--format`` take."""
 
 
@@ -120,7 +198,8 @@ def format_of(data: Path, name: str) -> Format:
     folder holds nothing of the format that is asked for.
     """
     if name == AUTO:
-        return next((known for known in FORMATS.values() if known.found_in(data)), HIGHD)
+        # exiD's files are named as HighD's are: it is looked for first, to be refused with what is missing.
+        return next((known for known in (EXID, *FORMATS.values()) if known.found_in(data)), HIGHD)
     if name != HIGHD.name and not FORMATS[name].found_in(data):
         raise fault(data, f"no file of the format {name}, here or in a folder below")
     return FORMATS[name]

@@ -51,7 +51,7 @@ KINDS: Final = (
     Kind("car_krauss", "Krauss", names.CAR, 4.4, 1.85, (0.85, 0.12), 0.5),
     Kind("truck_eidm", "EIDM", names.TRUCK, 14.0, 2.5, (0.6, 0.03), 1.0),
 )
-_LIMIT_MPS: Final = 40.0
+LIMIT_MPS: Final = 40.0
 
 
 def synthesize(
@@ -177,7 +177,7 @@ def _write_road(folder: Path, markings: FloatArray, section: float) -> None:
     ends = np.cumsum([0.0, _UPSTREAM_M, section, _DOWNSTREAM_M])
     nodes = "".join(f'<node id="n{k}" x="{x:.2f}" y="0"/>' for k, x in enumerate(ends))
     lanes = "".join(f'<lane index="{k}" width="{width:.2f}"/>' for k, width in enumerate(np.diff(markings)))
-    about = f'numLanes="{len(markings) - 1}" speed="{_LIMIT_MPS}"'
+    about = f'numLanes="{len(markings) - 1}" speed="{LIMIT_MPS}"'
     edges = "".join(
         f'<edge id="{name}" from="n{k}" to="n{k + 1}" {about}>{lanes}</edge>'
         for k, name in enumerate(("before", "view", "after"))

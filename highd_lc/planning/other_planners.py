@@ -18,8 +18,6 @@ from highd_lc.vocab import names
 
 FloatArray = NDArray[np.float64]
 
-FAULTY: Final = "faulty"
-"""Status of a planner that raised an error, or whose motion cannot be used."""
 _PLACE_M, _SPEED_MPS, _LANE_M = 0.1, 1.0, 0.5
 _DERIVED: Final = (("vx", "x"), ("vy", "y"), ("ax", "vx"), ("ay", "vy"), ("jx", "ax"), ("jy", "ay"))
 
@@ -112,7 +110,7 @@ def plans_of(problem: PlanningProblem, name: str, given: Given) -> list[Plan]:
     Nothing is rejected: limits that the motion breaks are negative margins.
     """
     if given.motion is None:
-        status = FAULTY if given.faulty else names.INFEASIBLE
+        status = names.FAULTY if given.faulty else names.INFEASIBLE
         if planner.overlap_at_start(problem) and not given.faulty:
             status = names.INFEASIBLE_AT_START
         return [Plan(name, accounting, status) for accounting in names.ACCOUNTINGS]

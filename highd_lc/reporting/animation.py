@@ -81,7 +81,7 @@ def road_panel(report: EventReport, plays: list[Play], k: int) -> Panel:
     marking = Curve(np.array([low, high]), np.full(2, report.divider), QUIET, 0.6, (6, 6))
     trails = [_trail(play, k) for play in plays]
     return Panel(
-        f"{' (filled), '.join(labels.POLICIES[p.policy].label for p in plays)}{' (outlines)' * (len(plays) > 1)}, "
+        f"{' (filled), '.join(labels.look(p.policy).label for p in plays)}{' (outlines)' * (len(plays) > 1)}, "
         f"t = {k * report.dt:.1f} s",
         "x [m]",
         "",
@@ -101,7 +101,7 @@ def _boxes(report: EventReport, plays: list[Play], k: int) -> Iterator[Block]:
     for role, path in report.others.items():
         yield from _box(report, role, path, k, ("#b4babf", INK))
     for play in reversed(plays):
-        colour = labels.POLICIES[play.policy].light
+        colour = labels.look(play.policy).light
         for role, path in _vehicles(report, play).items():
             inside = "none" if play is not plays[0] else colour if role == names.EGO else "#ffffff"
             yield from _box(report, role, path, k, (inside, INK if play is plays[0] else colour))
@@ -123,16 +123,14 @@ def _notes(report: EventReport, play: Play, k: int, *, low: float, high: float) 
 
 
 def _trail(play: Play, k: int) -> Curve:
-    look = labels.POLICIES[play.policy]
+    look = labels.look(play.policy)
     return Curve(play.ego.x[: k + 1], play.ego.y[: k + 1], look.light, 1.0)
 
 
 def _draw_speeds(axes: Axes, report: EventReport, plays: list[Play]) -> None:
     """The speed of the AV and of the first follower over time."""
     curves = [
-        Curve(
-            report.dt * np.arange(path.v.size, dtype=np.float64), path.v, labels.POLICIES[play.policy].light, width
-        )
+        Curve(report.dt * np.arange(path.v.size, dtype=np.float64), path.v, labels.look(play.policy).light, width)
         for play in plays
         for path, width in ((play.ego, 1.4), *((path, 0.8) for path in play.followers[:1]))
     ]

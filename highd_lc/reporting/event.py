@@ -95,8 +95,8 @@ class FitTrace:
 
 @dataclass(frozen=True)
 class TrackTrace:
-    """Tracking of a policy's plan: errors e_lateral, e_longitudinal [m], inputs v [m/s], delta [rad]; path: the
-    motion of the box centre as driven.
+    """Tracking of a policy's plan: errors e_lateral, e_longitudinal [m], inputs v [m/s], delta [rad], each empty
+    where they were not kept; path: the motion of the box centre as driven.
     """
 
     policy: str
@@ -174,6 +174,11 @@ class EventReport:
     def n_followers(self) -> int:
         """p, the number of followers on the target lane."""
         return len(self.plays[0].followers) if self.plays else len(self.event["follower_ids"])
+
+    @property
+    def planners(self) -> tuple[str, ...]:
+        """Planners of others that were asked, in the order of their rows."""
+        return tuple(dict.fromkeys(row["policy"] for row in self.plans if row["policy"] not in names.POLICIES))
 
     def play(self, policy: str, accounting: str = names.PRIMARY_ACCOUNTING) -> Play | None:
         """The play of a policy under an accounting; None if the policy has no plan there."""

@@ -1,9 +1,7 @@
 """Rows of the tables on an event's page: rows of artefacts in, cells and words out.
 
-Bodies of the tables on an event's page: rows of ``event_rows`` in, lines of a table out.
-
-Each body is one string. A page has a hundred such lines: written by a template, value by value, they take three
-times as long.
+Bodies of these tables: lines of HTML, each body one string. A page has a hundred such lines: written by a
+template, value by value, they take three times as long.
 """
 
 from collections.abc import Callable, Iterable, Mapping
@@ -18,7 +16,7 @@ from highd_lc.reporting.event import EventReport, Row, driver_says
 from highd_lc.reporting.html import bars, cells, number, policy_head
 from highd_lc.vocab import names
 from highd_lc.vocab.driver import PARAMETERS
-from highd_lc.vocab.policy import PAIRS, POLICIES
+from highd_lc.vocab.policy import CHOOSING_START, PAIRS
 
 LOSS_COLUMNS: Final = (
     "av_comfort",
@@ -93,7 +91,7 @@ def _loss_row(report: EventReport, row: Row, halves: list[float] | None, longest
     )
     return {
         "policy": row["policy"],
-        "label": labels.POLICIES[row["policy"]].label,
+        "label": labels.look(row["policy"]).label,
         "status": _why_none(row, plan),
         "cells": [row[name] for name in LOSS_COLUMNS],
         "each": padded,
@@ -135,8 +133,8 @@ def _plan_row(row: Row, loss: Row) -> dict[str, Any]:
 
 
 def _remarks(row: Row) -> list[str]:
-    remarks = []
-    if POLICIES[row["policy"]].chooses_start and not is_infeasible(row):
+    remarks = [row["reason"]] if row.get("reason") else []
+    if row["policy"] in CHOOSING_START and not is_infeasible(row):
         remarks.append(_start(row))
     if row.get("contact"):
         remarks.append(labels.through(row["contact"]))
@@ -303,12 +301,12 @@ def _violations(found: Iterable[str] | None) -> str:
 
 def is_infeasible(row: Row) -> bool:
     """Whether a row of ``plans`` has no plan."""
-    return row["status"] in (names.INFEASIBLE, names.INFEASIBLE_AT_START)
+    return row["status"] in (names.INFEASIBLE, names.INFEASIBLE_AT_START, names.FAULTY)
 
 
 def ordered(rows: Iterable[Row]) -> list[Row]:
-    """Rows in the order of ``names.POLICIES``."""
-    return sorted(rows, key=lambda row: _PLACES[row["policy"]])
+    """Rows in the order of ``names.POLICIES``, those of other people's planners after them."""
+    return sorted(rows, key=lambda row: _PLACES.get(row["policy"], len(_PLACES)))
 
 
 def by_policy(rows: Iterable[Row]) -> dict[str, list[Row]]:

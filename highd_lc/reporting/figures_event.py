@@ -66,11 +66,16 @@ def event_panels(report: EventReport) -> dict[str, Panel]:
     }
 
 
+def _drawn(report: EventReport) -> list[Play]:
+    """What is drawn: planners of others below, then our policies."""
+    shown = (*reversed(report.planners), *SHOWN)
+    return [play for policy in shown if (play := report.play(policy)) is not None]
+
+
 def _over_time(
     report: EventReport, title: str, label: str, pick: Callable[[Play], list[FloatArray]], *, step: float
 ) -> Panel:
-    plays = [play for policy in SHOWN if (play := report.play(policy)) is not None]
-    curves = [_curve(report, play, values) for play in plays for values in pick(play)]
+    curves = [_curve(report, play, values) for play in _drawn(report) for values in pick(play)]
     return Panel(title, _TIME, label, _limits(report, curves, step), tuple(curves))
 
 
@@ -91,7 +96,7 @@ def _followers(
 
 
 def _curve(report: EventReport, play: Play, values: FloatArray, *, thin: int = 0) -> Curve:
-    look = labels.POLICIES[play.policy]
+    look = labels.look(play.policy)
     t = report.dt * np.arange(values.size, dtype=np.float64)
     return Curve(t, values, look.light, max(1.4 - 0.25 * thin, 0.5), (4, 2) if look.dashed else None)
 
@@ -119,7 +124,8 @@ def _limits(report: EventReport, curves: Iterable[Curve], step: float) -> tuple[
 
 
 def _losses(report: EventReport) -> Panel:
-    plans = {q: plan for q in reversed(names.POLICIES) if (plan := report.plan(q)) is not None}
+    shown = reversed((*names.POLICIES, *report.planners))
+    plans = {policy: plan for policy in shown if (plan := report.plan(policy)) is not None}
     blocks, notes, longest = [], [], 1.0
     for row, (policy, plan) in enumerate(plans.items()):
         loss = report.loss(policy)
@@ -148,7 +154,7 @@ def _shortest(policy: str) -> str:
 def _scene(report: EventReport) -> Panel:
     boxes = [(role, path) for role, path in _at_start(report).items() if role in report.boxes]
     centres = [float(path.x[0]) for _, path in boxes if abs(path.x[0]) < 200]
-    ends = [p.ego.x[_last(p, report)] for q in SHOWN if (p := report.play(q)) is not None]
+    ends = [play.ego.x[_last(play, report)] for play in _drawn(report)]
     low = 20.0 * math.floor(min([0.0, *centres]) / 20.0 - 0.4)
     high = 20.0 * math.ceil(max([60.0, *centres, *(float(x) for x in ends if np.isfinite(x))]) / 20.0 + 0.2)
     lower = max(y for y in report.markings if y < report.divider - 1.0)
@@ -157,7 +163,7 @@ def _scene(report: EventReport) -> Panel:
     low, high = low - missing, high + missing
     road = Block(low, lower, high - low, upper - lower, ROAD)
     marking = Curve(np.array([low, high]), np.full(2, report.divider), QUIET, 0.6, (6, 6))
-    paths = tuple(_path(p, report) for q in SHOWN if (p := report.play(q)) is not None)
+    paths = tuple(_path(play, report) for play in _drawn(report))
     blocks, notes = [road], []
     for role, path in boxes:
         if low < path.x[0] < high:
@@ -200,7 +206,7 @@ def _last(play: Play, report: EventReport) -> int:
 
 
 def _path(play: Play, report: EventReport) -> Curve:
-    look = labels.POLICIES[play.policy]
+    look = labels.look(play.policy)
     stop = _last(play, report) + 1
     return Curve(play.ego.x[:stop], play.ego.y[:stop], look.light, 1.2, (4, 2) if look.dashed else None)
 
@@ -250,7 +256,7 @@ def event_figure(report: EventReport) -> Figure:
         axes = figure.add_axes(_inner(name))
         dress(axes, panel)
         fill(axes, panel)
-    _add_legend(figure)
+    _add_legend(figure, report.planners)
     figure.text(0.012, 0.975, title(report), fontsize=FONT_SIZE + 2, color=INK, va="center", parse_math=False)
     return figure
 
@@ -284,11 +290,15 @@ class EventPainter:
         self._canvas = FigureCanvasAgg(self._figure)
         self._axes: dict[str, Axes] = {name: self._figure.add_axes(_inner(name)) for name in _CELLS}
         self._grounds: OrderedDict[tuple[object, ...], Any] = OrderedDict()
-        _add_legend(self._figure)
+        self._planners: tuple[str, ...] = ()
         self._frame = self._paint_frame()
 
     def png(self, report: EventReport) -> bytes:
         """The event's figure as a PNG."""
+        if report.planners != self._planners:
+            self._planners = report.planners
+            self._grounds.clear()
+            self._frame = self._paint_frame()
         panels = event_panels(report)
         grounds = [self._ground(name, panel) for name, panel in panels.items()]
         self._canvas.restore_region(self._frame)
@@ -300,6 +310,10 @@ class EventPainter:
         return _encode(self._canvas)
 
     def _paint_frame(self) -> Any:
+        """Paint what all events share with these planners of others: the legend."""
+        for legend in list(self._figure.legends):
+            legend.remove()
+        _add_legend(self._figure, self._planners)
         for axes in self._axes.values():
             axes.set_visible(False)
         self._canvas.draw()
@@ -356,31 +370,28 @@ def _inner(name: str) -> tuple[float, float, float, float]:
     return x, y, _COLUMNS[right] - after - x, _ROWS[row + 1] - above - y
 
 
-def _add_legend(figure: Figure) -> None:
-    entries = list(zip_longest(reversed(SHOWN), labels.LOSS_PARTS))
-    handles: list[Any] = []
-    texts: list[str] = []
+_NAMED: Final = 3
+"""Planners of others in the legend."""
+
+
+def _add_legend(figure: Figure, planners: tuple[str, ...]) -> None:
+    named = [_key(policy, short=bool(planners)) for policy in (*reversed(SHOWN), *planners[:_NAMED])]
+    parts = [(Rectangle((0, 0), 1, 1, color=colour), label) for _, label, colour in labels.LOSS_PARTS]
     # A legend is filled column by column: a policy above, a part of the loss below.
-    for policy, part in entries:
-        look = labels.POLICIES[policy]
-        handles.append(Line2D([], [], color=look.light, lw=1.4, ls=(0, (4, 2)) if look.dashed else "-"))
-        texts.append(look.label)
-        if part is not None:
-            handles.append(Rectangle((0, 0), 1, 1, color=part[2]))
-            texts.append(part[1])
+    above, below = named[: len(SHOWN)], [*parts, *named[len(SHOWN) :]]
+    entries: list[tuple[Any, str]] = [one for pair in zip_longest(above, below) for one in pair if one is not None]
+    handles, texts = zip(*entries, strict=True)
     figure.legend(
-        handles,
-        texts,
-        loc="lower center",
-        bbox_to_anchor=(0.5, 0.0),
-        ncols=len(SHOWN),
-        frameon=False,
-        fontsize=FONT_SIZE - 0.5,
-        handlelength=1.6,
-        columnspacing=1.0,
-        handletextpad=0.4,
+        handles, texts, loc="lower center", bbox_to_anchor=(0.5, 0.0), ncols=math.ceil(len(entries) / 2),
+        frameon=False, fontsize=FONT_SIZE - 0.5, handlelength=1.6, columnspacing=1.0, handletextpad=0.4,
         labelcolor=QUIET,
-    )
+    )  # fmt: skip
+
+
+def _key(policy: str, *, short: bool) -> tuple[Line2D, str]:
+    look = labels.look(policy)
+    line = Line2D([], [], color=look.light, lw=1.4, ls=(0, (4, 2)) if look.dashed else "-")
+    return line, labels.short_policy(policy) if short else look.label
 
 
 VECTOR_FORMATS: Final = ("pdf", "svg")

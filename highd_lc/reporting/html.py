@@ -172,8 +172,8 @@ def _together(places: tuple[int, ...]) -> str:
 @cache
 def policy_head(policy: str) -> Markup:
     """The head of a policy's row in a table: its colour and its label, escaped once for all pages."""
-    text = '<th scope="row"><span class="key" style="background: var(--policy-{})"></span>{}</th>'
-    return Markup(text).format(policy, labels.POLICIES[policy].label)
+    text = '<th scope="row"><span class="key" style="background: {}"></span>{}</th>'
+    return Markup(text).format(labels.css_colour(policy), labels.look(policy).label)
 
 
 def bars(shares: Iterable[tuple[str, float]]) -> str:
@@ -199,6 +199,9 @@ def json_script(value: Any) -> Markup:
 def style(*names: str) -> Markup:
     """The colours of the policies and the style sheets of these names, as one text."""
     colours = "".join(f"--policy-{p}: light-dark({k.light}, {k.dark});" for p, k in labels.POLICIES.items())
+    colours += "".join(
+        f"--other-{k}: light-dark({light}, {dark});" for k, (light, dark) in enumerate(labels.OTHERS)
+    )
     sheets = "\n".join(_asset(f"{name}.css") for name in names)
     return Markup(f":root {{ {colours} }}\n{sheets}")
 

@@ -8,6 +8,7 @@ import re
 from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Final
+from zlib import crc32
 
 from highd_lc.vocab import names
 from highd_lc.vocab.tables.studies import DRAWN, IDM_MOTORWAY
@@ -78,6 +79,7 @@ STATUSES: Final = {
     names.CONTACT: "contact",
     names.INFEASIBLE: "infeasible",
     names.INFEASIBLE_AT_START: "infeasible at start",
+    names.FAULTY: "faulty",
 }
 
 REASONS: Final = {
@@ -161,7 +163,7 @@ _PREDICTORS: Final = {
     names.IDM: "IDM",
     names.POPULATION: "population",
 }
-_SECOND_OPINIONS: Final = {IDM_MOTORWAY: "IDM, motorway", DRAWN: "drawn parameters"}
+_SECOND_OPINIONS: Final = {IDM_MOTORWAY: "IDM, motorway", DRAWN: "drawn parameters", names.SUMO: "SUMO"}
 _SUFFIX: Final = {"+": "with", "-": "without"}
 _MOMENTS: Final = {"start": "the start", "crossing": "the crossing"}
 _BORROWED: Final = (
@@ -230,13 +232,30 @@ def stratum(name: str) -> str:
     return f"{words}: {value.replace('-', '−')} {_STRATUM_UNITS.get(kind, '')}".rstrip() if value else name
 
 
+OTHERS: Final = (("#7A3E9D", "#c79be0"), ("#8A5A44", "#d3a58c"), ("#C2185B", "#f48fb1"), ("#4D6B00", "#b5cf5f"))
+"""Colours of planners of others, on a light and on a dark ground."""
+_LONGEST: Final = 18
+"""Letters of a planner's name where room is short."""
+
+
 def look(policy: str) -> Look:
-    """How a policy is drawn; a planner of somebody else's has its own name and one colour."""
-    return POLICIES.get(policy) or Look(policy, "#7A3E9D", "#c79be0")
+    """How a policy is drawn; a planner of somebody else's has its own name, and a colour that goes with it."""
+    return POLICIES.get(policy) or Look(policy, *OTHERS[_place_of(policy)], dashed=True)
+
+
+def css_colour(policy: str) -> str:
+    """The colour of a policy in a style sheet, which knows both grounds."""
+    return f"var(--policy-{policy})" if policy in POLICIES else f"var(--other-{_place_of(policy)})"
+
+
+def _place_of(planner: str) -> int:
+    return crc32(planner.encode()) % len(OTHERS)
 
 
 def short_policy(name: str) -> str:
     """A policy's label where room is short."""
+    if name not in POLICIES:
+        return name if len(name) <= _LONGEST else f"…{name[1 - _LONGEST :]}"
     label = POLICIES[name].label
     return label.replace(", free end speed", ", free").replace(", chosen start", ", start").replace(", 5.5 s", "")
 

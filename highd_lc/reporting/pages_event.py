@@ -127,7 +127,7 @@ def _context(report: EventReport, *, raw: bool) -> dict[str, Any]:
         "parameters": [(name, UNITS[name]) for name in PARAMETERS],
         "fits": [event_rows.fit_row(row, report) for row in report.fits],
         "tracking": event_rows.tracking_bodies(map(event_rows.tracking_row, event_rows.ordered(report.tracking))),
-        "tracks_drawn": bool(report.track_traces),
+        "tracks_drawn": any(trace.lateral.size for trace in report.track_traces),
         "provenance": report.provenance,
         "payload": event_payload(report, raw=raw),
     }
@@ -177,7 +177,9 @@ def _notices(report: EventReport) -> list[str]:
 
 def _infeasible_notice(policy: str, rows: list[Row]) -> str:
     where = ", ".join(labels.ACCOUNTING_NAMES[row["accounting"]].lower() for row in rows)
-    label = labels.POLICIES[policy].label
+    label = labels.look(policy).label
+    if policy not in POLICIES:
+        return f"{label}: no plan ({rows[0]['reason']})."
     if all(row["status"] == names.INFEASIBLE_AT_START for row in rows):
         return f"{label}: vehicles overlap already at the start, so there is no plan (accounting: {where})."
     rejected = event_rows.sorted_counts(rows[0]["rejected_by"])

@@ -11,6 +11,7 @@ from highd_lc.reporting import html, labels
 from highd_lc.reporting.figures_population import visible
 from highd_lc.reporting.pages_data import Column, Section, overview_page, percentage, table_view
 from highd_lc.reporting.pages_robust import quoted, robust_sections
+from highd_lc.reporting.pages_sumo import sumo_sections
 from highd_lc.vocab import names
 
 _WORST_SHOWN: Final = 50
@@ -33,6 +34,7 @@ class StudyTables:
     situation_ranking: pd.DataFrame
     event_gains: pd.DataFrame
     leaderboard: pd.DataFrame
+    sumo_summary: pd.DataFrame
 
 
 def studies_page(tables: StudyTables, first: Sequence[Section] = ()) -> str:
@@ -51,6 +53,7 @@ def _sections(tables: StudyTables) -> Iterator[Section]:
     if len(tables.leaderboard):
         yield _leaderboard_section(tables.leaderboard)
     yield from _cross_sections(tables.cross_scores)
+    yield from sumo_sections(tables.sumo_summary)
     yield from robust_sections(tables.robust_summary, tables.situation_ranking, tables.event_gains)
     yield _horizon_section(tables.horizon_sensitivity)
     yield _location_section(tables.leave_one_out)
@@ -87,8 +90,8 @@ _ACCOUNTING: Final = Column("accounting_label", "Accounting")
 def _cross_sections(scores: pd.DataFrame) -> Iterator[Section]:
     text = (
         "Gain in %: plans made under one accounting (rows) scored under each (columns), with the followers as "
-        "planned, driven by another model, or with parameters drawn within their spread. Events in which somebody "
-        "drives through another then are counted as contacts, and are in no sum.",
+        "planned, driven by another model or by SUMO, or with parameters drawn within their spread. Events in "
+        "which somebody drives through another then are counted as contacts, and are in no sum.",
     )
     for form in (*names.FORMS, *names.START_FORMS, *names.ROBUST_FORMS):
         rows = scores[scores["form"] == form]
@@ -107,6 +110,8 @@ def _cross_sections(scores: pd.DataFrame) -> Iterator[Section]:
             Column("followers_label", "Followers"),
             *_GAINS,
             Column("touching", "Touching after T", digits=0),
+            Column("peak_benchmark", "Braking behind benchmark", "m/s²", 2),
+            Column("peak_local", "behind local optimum", "m/s²", 2),
         )
         title = f"Scored under what was not optimised: {labels.FORMS[form].lower()}"
         default = rows[rows["planned_with"] == rows["planned_with"].iloc[0]]

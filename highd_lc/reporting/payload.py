@@ -75,7 +75,7 @@ def event_payload(report: EventReport, *, raw: bool = False) -> dict[str, Any]:
         "shift": _rounded(float(report.event["lateral_shift_m"]), step),
         "duration": _rounded(float(report.event["duration_s"]), 0.01 if raw else 0.1),
         "boxes": {r: [round(b.length, 1), round(b.width, 1)] for r, b in report.boxes.items()},
-        "looks": {p: {"label": k.label, "dashed": k.dashed} for p, k in labels.POLICIES.items()},
+        "looks": {policy: _look(policy) for policy in (*labels.POLICIES, *report.planners)},
         "others": [_other(role, path, report, step=step, drive=drive) for role, path in report.others.items()],
         "leads": [list(lead) for lead in report.leads],
         "plays": list(_plays(report.plays, step, drive)),
@@ -85,6 +85,11 @@ def event_payload(report: EventReport, *, raw: bool = False) -> dict[str, Any]:
         "ground": _ground(report.ground) if raw and report.ground else None,
         "prediction": None if report.prediction is None else _prediction(report.prediction, step),
     }
+
+
+def _look(policy: str) -> dict[str, Any]:
+    look = labels.look(policy)
+    return {"label": look.label, "dashed": look.dashed, "colour": labels.css_colour(policy)}
 
 
 def _ground(ground: Ground) -> dict[str, Any]:
@@ -195,14 +200,16 @@ def _period(t: FloatArray) -> float:
 
 def _track(trace: TrackTrace, drive: FloatArray) -> dict[str, Any]:
     path = trace.path
-    return {
+    packed = {
         "path": _packed([_co_moving(path, drive), path.y, path.v, path.a], FINE_STEP),
         "policy": trace.policy,
         "plant": trace.plant,
         "dt": _period(trace.t),
-        "errors": _packed([trace.lateral, trace.longitudinal], 1e-4),
-        "inputs": _packed([trace.v, trace.delta], 1e-4),
     }
+    if not trace.lateral.size:
+        return packed
+    errors, inputs = [trace.lateral, trace.longitudinal], [trace.v, trace.delta]
+    return packed | {"errors": _packed(errors, 1e-4), "inputs": _packed(inputs, 1e-4)}
 
 
 def _surface(surface: Surface, report: EventReport) -> dict[str, Any]:

@@ -30,6 +30,7 @@ from highd_lc.planning.starts import Key, StartProblem, pose_starts
 from highd_lc.reporting import labels
 from highd_lc.reporting.event import Box, EventReport, FitTrace, Ground, Path, Play, Row, Surface, TrackTrace
 from highd_lc.stages.closed_loop import DRIVES, MOTIONS, REPLANS, loop_plays
+from highd_lc.stages.other_pages import OtherRows
 from highd_lc.stages.road_images import grounds
 from highd_lc.stages.scene_drivers import Columns
 from highd_lc.stages.scenes import SceneTables, leads, read_scene_tables, surrounding
@@ -252,7 +253,7 @@ _DRIVEN: Final = (DRIVES, REPLANS, MOTIONS)
 class RecordingTables:
     """What the artefacts hold of one recording; tracks by event and role, other rows by table and event; behind:
     rows of ``trajectories`` behind the recorded ego, by event; identified: rows of ``identifiability``; grounds:
-    pictures of the road by event.
+    pictures of the road by event; others: rows of other people's planners.
     """
 
     scenes: SceneTables
@@ -266,6 +267,7 @@ class RecordingTables:
     identified: Mapping[str, Row]
     provenance: tuple[tuple[str, str], ...]
     grounds: Mapping[str, Ground] = field(default_factory=dict)
+    others: OtherRows = field(default_factory=OtherRows)
 
 
 def read_tables(job: Job) -> RecordingTables:
@@ -293,6 +295,7 @@ def read_tables(job: Job) -> RecordingTables:
         grounds=grounds(job, scenes.events, roads) if job.settings.report.raw else {},
         behind={str(event): rows for event, rows in behind.groupby("event_id")},
         provenance=_provenance(job),
+        others=OtherRows.read(job),
     )
 
 
@@ -341,15 +344,16 @@ def event_report(event: Row, tables: RecordingTables, scene: Scene, settings: Va
         observed={role: m.observed for role, m in surrounding(scene).items()},
         plays=(
             *policy_plays(problem, of_event["plans"]),
+            *tables.others.plays(event_id, followers=len(scene.followers.x)),
             _recorded_play(event, tracks, grid),
             *loop_plays(*(of_event[name] for name in _DRIVEN)),
         ),
-        plans=of_event["plans"],
-        losses=of_event["losses"],
+        plans=of_event["plans"] + tables.others.plan_rows(event_id),
+        losses=of_event["losses"] + tables.others.loss_rows(event_id),
         fits=of_event["followers"],
         fit_traces=fit_traces(tracks, boxes, of_event["followers"], b_max=settings.followers.b_max),
-        tracking=of_event["tracking"],
-        track_traces=track_traces(problem, of_event["plans"]),
+        tracking=of_event["tracking"] + tables.others.tracking_rows(event_id),
+        track_traces=(*track_traces(problem, of_event["plans"]), *tables.others.traces(event_id)),
         surface=surface_of(problem, of_event["plans"]),
         provenance=tables.provenance,
         leads=leads(scene),

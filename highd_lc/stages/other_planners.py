@@ -16,9 +16,10 @@ import pandas as pd
 from highd_lc.io import artefacts
 from highd_lc.io.workspace import append_log
 from highd_lc.planning import planner
-from highd_lc.planning.other_planners import FAULTY, Planner, ask, plans_of
+from highd_lc.planning.other_planners import Planner, ask, plans_of
 from highd_lc.planning.planner import Plan
-from highd_lc.stages.validate_samples import Planned, tracking_row
+from highd_lc.stages.validate_samples import Planned, driven_row
+from highd_lc.tracking.plan_tracking import DrivenPlan
 from highd_lc.vocab import names
 from highd_lc.vocab.errors import SettingsError
 from highd_lc.vocab.job import Job
@@ -94,6 +95,22 @@ class OtherPlanners:
         ]
         return cls({name: load(where) for name, where in zip(own, wanted, strict=True)})
 
+    def plans(self, planned: Planned) -> list["OtherPlan"]:
+        """What each makes of an event under every accounting; it is asked once."""
+        problem = planned.tracker.problem
+        found: list[OtherPlan] = []
+        for name, function in self.functions.items():
+            given = self.timed(name, partial(ask, function, problem.scene))
+            for plan in plans_of(problem, name, given):
+                asked = plan.accounting == names.PRIMARY_ACCOUNTING
+                found.append(
+                    OtherPlan(plan, given.reason, planned.tracker.drive(plan, KINEMATIC) if asked else None)
+                )
+        if self.functions:  # beside them the time of the policy that this package is about
+            fresh = planner.pose(problem.scene, problem.settings)
+            self.timed(names.LOCAL_OPTIMUM, partial(planner.plan_one, fresh, names.LOCAL_OPTIMUM, names.EQUAL))
+        return found
+
     def timed(self, name: str, call: Callable[[], Any]) -> Any:
         """The result of a call, whose time is kept under a name."""
         started = time.perf_counter()
@@ -112,19 +129,23 @@ class OtherPlanners:
             append_log(job.work, about | times)
 
 
-def other_rows(planned: Planned, asked: OtherPlanners, score: Callable[[Plan], Row]) -> Iterator[Row]:
+@dataclass(frozen=True)
+class OtherPlan:
+    """A planner's answer under an accounting. reason: why it has none; driven: as the kinematic car drove it."""
+
+    plan: Plan
+    reason: str
+    driven: DrivenPlan | None
+
+
+def other_rows(planned: Planned, others: Sequence[OtherPlan], score: Callable[[Plan], Row]) -> Iterator[Row]:
     """The rows of ``other_plans`` of one event. score: the columns of plans and losses of a plan."""
     problem = planned.tracker.problem
-    for name, function in asked.functions.items():
-        given = asked.timed(name, partial(ask, function, problem.scene))
-        for plan in plans_of(problem, name, given):
-            row = score(plan)
-            broken = [limit for limit, margin in plan.margins.items() if margin < -_slack(limit, problem)]
-            row |= {"reason": given.reason, "violations": broken} | _tracking(planned, plan)
-            yield {column: row[column] for column in TABLES["other_plans"].column_names if column in row}
-    if asked.functions:  # beside them the time of the policy that this package is about
-        fresh = planner.pose(problem.scene, problem.settings)
-        asked.timed(names.LOCAL_OPTIMUM, partial(planner.plan_one, fresh, names.LOCAL_OPTIMUM, names.EQUAL))
+    for one in others:
+        row = score(one.plan)
+        broken = [limit for limit, margin in one.plan.margins.items() if margin < -_slack(limit, problem)]
+        row |= {"reason": one.reason, "violations": broken} | _tracking(planned, one)
+        yield {column: row[column] for column in TABLES["other_plans"].column_names if column in row}
 
 
 def _slack(limit: str, problem: planner.PlanningProblem) -> float:
@@ -133,11 +154,11 @@ def _slack(limit: str, problem: planner.PlanningProblem) -> float:
     return 0.01 * bounds.get(limit.split("_")[0], 0.0) + 1e-9
 
 
-def _tracking(planned: Planned, plan: Plan) -> Row:
+def _tracking(planned: Planned, other: OtherPlan) -> Row:
     """How the kinematic car drives a plan; only the primary accounting's is driven."""
-    if plan.replay is None or plan.accounting != names.PRIMARY_ACCOUNTING:
+    if other.driven is None:
         return {"tracking_status": ""}
-    row = tracking_row(planned.tracker, plan, KINEMATIC)
+    row = driven_row(planned.tracker, other.driven)
     found = {name: row.get(name, np.nan) for name in _OF_TRACKING}
     return found | {"tracking_status": row["status"], "tracked_violations": row.get("violations")}
 
@@ -183,7 +204,7 @@ def _line(rows: pd.DataFrame, ours: bool, common: set[str]) -> Row:
         "n_planned": int(rows["min_gap_m"].notna().sum()),
         "n_contacts": int(rows["contact"].ne("").sum()),
         "n_violating": int(sum(broken)),
-        "n_faulty": int(rows["status"].eq(FAULTY).sum()),
+        "n_faulty": int(rows["status"].eq(names.FAULTY).sum()),
         "n_common": len(shared),
         **{name: float(shared[name].mean()) if len(shared) else np.nan for name in _MEANS},
     }

@@ -189,7 +189,9 @@ def cross_scores(
     rows = []
     for planned_with in models:
         own = cross.loc[cross["planned_with"] == planned_with, "scored_with"]
-        for scored_with in dict.fromkeys((planned_with, *models, *SECOND_OPINIONS, *sorted(own.unique()))):
+        for scored_with in dict.fromkeys(
+            (planned_with, *models, *SECOND_OPINIONS, names.SUMO, *sorted(own.unique()))
+        ):
             chosen = cross[(cross["planned_with"] == planned_with) & (cross["scored_with"] == scored_with)]
             about = {"planned_with": planned_with, "scored_with": scored_with}
             rows += [about | row for row in _cross_cells(chosen, statistics, seed)]
@@ -208,7 +210,10 @@ def _cross_cells(cross: pd.DataFrame, statistics: StatisticsSettings, seed: int)
             for scored in names.ACCOUNTINGS:
                 row: Row = {"form": form, "optimised": optimised, "scored": scored}
                 row["touching"] = 0 if scored == names.PAPER else int(touching.sum())
-                yield row | gain_columns(_scored_pair(one, other, scored), statistics, seed=seed)
+                pair = _scored_pair(one, other, scored)
+                peaks = pair.loc[pair["peak_1"].notna() & pair["peak_0"].notna(), ["peak_0", "peak_1"]].mean()
+                row |= {"peak_benchmark": peaks["peak_0"], "peak_local": peaks["peak_1"]}
+                yield row | gain_columns(pair, statistics, seed=seed)
 
 
 def _scored_pair(one: pd.DataFrame, other: pd.DataFrame, scored: str) -> pd.DataFrame:
@@ -217,6 +222,7 @@ def _scored_pair(one: pd.DataFrame, other: pd.DataFrame, scored: str) -> pd.Data
     columns = {
         f"{side}_{k}": frame[f"{side}_to_{ends[side]}"] for k, frame in ((1, one), (0, other)) for side in _SIDES
     }
+    columns |= {f"peak_{k}": frame[f"peak_to_{end}"] for k, frame in ((1, one), (0, other))}
     met = [frame[f"contacts_to_{end}"].reindex(one.index) > 0 for frame in (one, other)]
     return pd.DataFrame({"recording_id": one["recording_id"], "contact": met[0] | met[1]} | columns)
 

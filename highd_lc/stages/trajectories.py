@@ -15,9 +15,11 @@ from highd_lc.planning.replay import AvMotion, box_centre, following
 from highd_lc.planning.scene import Motion, driven_by
 from highd_lc.reporting import labels
 from highd_lc.reporting.event import PredictionTrace
+from highd_lc.stages.other_planners import OtherPlan
 from highd_lc.stages.scene_drivers import Columns, behind_recorded
 from highd_lc.stages.scenes import TIME_STEP
 from highd_lc.stages.validate_samples import Planned
+from highd_lc.tracking.plan_tracking import DrivenPlan
 from highd_lc.vocab import names
 from highd_lc.vocab.job import Job
 from highd_lc.vocab.tables import PARTITIONED, TABLES
@@ -58,19 +60,38 @@ def planned_traces(planned: Planned) -> Iterator[Trace]:
     """What a follower model makes of an event: each policy's motions, behind the recorded ego, and as tracked."""
     problem = planned.tracker.problem
     for plan in planned.plans:
-        if plan.accounting == names.PRIMARY_ACCOUNTING and plan.replay is not None:
-            key = (problem.scene.event_id, plan.accounting, plan.policy, planned.model, SIMULATED)
-            yield _trace((*key, names.EGO), _ego(problem, plan, plan.replay.av))
+        yield from _simulated(problem, plan, planned.model)
+        if plan.policy == names.HUMAN and plan.accounting == names.PRIMARY_ACCOUNTING and plan.replay is not None:
+            key = (problem.scene.event_id, plan.accounting, RECORDED, planned.model, SIMULATED)
             motion = plan.replay.x, plan.replay.v, plan.replay.a
-            yield from _followers(problem, motion, key, seen=None)
-            if plan.policy == names.HUMAN:
-                key = (problem.scene.event_id, plan.accounting, RECORDED, planned.model, SIMULATED)
-                yield from _followers(problem, motion, key, seen=plan.replay.av.recorded + 1)
+            yield from _followers(problem, motion, key, seen=plan.replay.av.recorded + 1)
     for plan, plant, driven in planned.drives:
-        if plant == KINEMATIC and driven is not None and driven.replay is not None:
-            key = (problem.scene.event_id, plan.accounting, plan.policy, planned.model, TRACKED)
-            av = driven.replay.av
-            yield _trace((*key, names.EGO), _ego(problem, plan, av), last=av.n + 1)
+        if plant == KINEMATIC:
+            yield from _tracked(problem, plan, planned.model, driven)
+
+
+def other_traces(planned: Planned, others: Iterable[OtherPlan]) -> Iterator[Trace]:
+    """What somebody else's planners make of an event, as of ours. planned: with the model that drives all."""
+    problem = planned.tracker.problem
+    for one in others:
+        yield from _simulated(problem, one.plan, planned.model)
+        yield from _tracked(problem, one.plan, planned.model, one.driven)
+
+
+def _simulated(problem: PlanningProblem, plan: Plan, model: str) -> Iterator[Trace]:
+    """The AV and its followers under a plan of the primary accounting."""
+    if plan.accounting == names.PRIMARY_ACCOUNTING and plan.replay is not None:
+        key = (problem.scene.event_id, plan.accounting, plan.policy, model, SIMULATED)
+        yield _trace((*key, names.EGO), _ego(problem, plan, plan.replay.av))
+        yield from _followers(problem, (plan.replay.x, plan.replay.v, plan.replay.a), key, seen=None)
+
+
+def _tracked(problem: PlanningProblem, plan: Plan, model: str, driven: DrivenPlan | None) -> Iterator[Trace]:
+    """The AV up to T as the kinematic car drove it."""
+    if driven is not None and driven.replay is not None:
+        key = (problem.scene.event_id, plan.accounting, plan.policy, model, TRACKED)
+        av = driven.replay.av
+        yield _trace((*key, names.EGO), _ego(problem, plan, av), last=av.n + 1)
 
 
 def judged_traces(planned: Sequence[Planned], judged: JudgedDrivers) -> Iterator[Trace]:

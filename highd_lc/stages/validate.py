@@ -18,7 +18,7 @@ from highd_lc.planning.start_planner import plan_starts
 from highd_lc.scoring import charges
 from highd_lc.scoring.charges import Scores
 from highd_lc.stages import closed_loop
-from highd_lc.stages.other_planners import OtherPlanners, leaderboard, other_rows
+from highd_lc.stages.other_planners import OtherPlan, OtherPlanners, leaderboard, other_rows
 from highd_lc.stages.population_tables import (
     cross_scores,
     gain_map,
@@ -44,10 +44,12 @@ from highd_lc.stages.statistics import (
     summarise_losses,
     validation_matrix,
 )
+from highd_lc.stages.sumo_scores import SumoTracker, sumo_rows, sumo_summary
 from highd_lc.stages.trajectories import (
     JudgedDrivers,
     Trace,
     judged_traces,
+    other_traces,
     planned_traces,
     recorded_traces,
     write_traces,
@@ -91,7 +93,7 @@ from highd_lc.vocab.tables import TABLES
 STAGE = "validate"
 PART_TABLES = (
     "plans", "losses", "tracking", "safety_losses", *STUDY_TABLES, "other_plans",
-    closed_loop.DRIVES, closed_loop.REPLANS, closed_loop.MOTIONS,
+    closed_loop.DRIVES, closed_loop.REPLANS, closed_loop.MOTIONS, "sumo_followers",
 )  # fmt: skip
 
 Row = dict[str, Any]
@@ -113,9 +115,13 @@ def run(job: Job) -> JobReport:
     for event, (event_id, scene_of) in zip(tables.events.itertuples(), makers, strict=True):
         try:
             planned = _planned(scene_of(), tables, job, chosen, judges)
-            found = list(_event_rows(planned, job, chosen, others_asked))
+            others = others_asked.plans(planned[0])
+            found = list(_event_rows(planned, job, chosen, others))
             found += drives.rows(planned[0])
-            traced = list(_traces(event, planned, tables, settings, judged)) if event_id in chosen.traced else []
+            traced: list[Trace] = []
+            if event_id in chosen.traced:
+                traced += _traces(event, planned, tables, settings, judged)
+                traced += other_traces(planned[0], others)
         except Exception as error:
             # One bad event never stops the others, and is left out as a whole: it is listed with its reason.
             problems.append(Problem(job.recording, STAGE, told(event_id, error)))
@@ -157,19 +163,25 @@ def _planned(scene: Scene, tables: SceneTables, job: Job, chosen: Samples, judge
 
 
 def _event_rows(
-    planned: list[Planned], job: Job, chosen: Samples, others_asked: OtherPlanners
+    planned: list[Planned], job: Job, chosen: Samples, asked: Sequence[OtherPlan]
 ) -> Iterator[tuple[str, Row]]:
     for one in planned:
         for name, row in _planned_rows(one):
             yield name, {"followers": one.model, **row}
         study = Study(one.tracker.problem, one.plans, job.settings.seed, one.model)
         others = {other.model: other.tracker for other in planned if other is not one}
-        for row in cross_rows(study, others, one.judges):
+        simulated = {}
+        if one is planned[0] and study.problem.scene.event_id in chosen.simulated:
+            simulated[names.SUMO] = SumoTracker(study.problem, job.settings.seed)
+        for row in cross_rows(study, others, {**one.judges, **simulated}):
             yield "cross_losses", row
+        for sumo in simulated.values():
+            for row in sumo_rows(one, sumo):
+                yield "sumo_followers", row
         if one is planned[0]:
             yield from _study_rows(study, chosen)
             scores = _scores(one)
-            for row in other_rows(one, others_asked, partial(_scored, one.tracker.problem, scores)):
+            for row in other_rows(one, asked, partial(_scored, one.tracker.problem, scores)):
                 yield "other_plans", row
 
 
@@ -319,6 +331,7 @@ def _population(combination: Combination, events: pd.DataFrame) -> Iterator[tupl
     yield "tracking_summary", tracking_summary(_of_default(work, "tracking", models))
     yield "solver_summary", solver_summary(artefacts.read(work, "solver_comparison"))
     yield "leaderboard", leaderboard(work, models[0])
+    yield "sumo_summary", sumo_summary(artefacts.read(work, "sumo_followers"))
 
 
 def _of_each_model(

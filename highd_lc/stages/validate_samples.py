@@ -47,7 +47,8 @@ class Samples:
     chosen as well, of those among them that are planned with predicted leaders, of those whose plans the
     multi-body car drives, of those that the further follower models plan too, of those planned robustly as
     well, of those with written motions, of those that are planned under both safety profiles, of those that
-    are planned under every choice of the multiverse, and of those that are driven in the closed loop.
+    are planned under every choice of the multiverse, of those that are driven in the closed loop, and of those
+    that are replayed in SUMO.
     """
 
     studied: frozenset[str]
@@ -61,6 +62,7 @@ class Samples:
     priced: frozenset[str]
     varied: frozenset[str]
     replanned: frozenset[str]
+    simulated: frozenset[str]
 
 
 def samples(job: Job) -> Samples:
@@ -70,7 +72,7 @@ def samples(job: Job) -> Samples:
     drawn = _drawn(job.work, drawn_at, settings, job.settings.seed)
     if not settings.studies.chosen:
         return drawn
-    studies = (
+    studies = [
         "studied",
         "compared",
         "started",
@@ -80,7 +82,8 @@ def samples(job: Job) -> Samples:
         "priced",
         "varied",
         "replanned",
-    )
+    ]
+    studies += ["simulated"] * (settings.sumo.events > 0)  # which needs SUMO
     return replace(drawn, **dict.fromkeys(studies, frozenset(settings.studies.chosen)))
 
 
@@ -109,6 +112,7 @@ def _drawn(work: Path, written: int, settings: ValidateSettings, seed: int) -> S
         priced=sample(studies.safety_sample),
         varied=sample(settings.multiverse.sample),
         replanned=sample(settings.closed_loop.events),
+        simulated=sample(settings.sumo.events),
     )
 
 
@@ -281,7 +285,7 @@ def tracking_rows(planned: Planned) -> Iterator[Row]:
         row: Row = {"status": plan.status, "contact": ""}
         if driven is not None:
             of_same = next((row for other, row in known if other is driven), None)
-            row = _row(planned.tracker, driven) if of_same is None else of_same
+            row = driven_row(planned.tracker, driven) if of_same is None else of_same
             known.append((driven, row))
         yield {"policy": plan.policy, "plant": plant} | row
 
@@ -290,10 +294,10 @@ def tracking_row(tracker: PlanTracker, plan: Plan, plant: str) -> Row:
     """What tracking makes of a plan on a plant, by the columns of ``tracking``."""
     driven = tracker.drive(plan, plant)
     row: Row = {"policy": plan.policy, "plant": plant, "status": plan.status, "contact": ""}
-    return row if driven is None else row | _row(tracker, driven)
+    return row if driven is None else row | driven_row(tracker, driven)
 
 
-def _row(tracker: PlanTracker, driven: DrivenPlan) -> Row:
+def driven_row(tracker: PlanTracker, driven: DrivenPlan) -> Row:
     """With a plan that cannot be driven, the status alone: every number is missing, none is 0."""
     row: Row = {"status": driven.result.status, "contact": ""}
     if driven.replay is None:

@@ -16,8 +16,9 @@ from highd_lc.planning import sqp
 from highd_lc.planning.crowd import event_generator
 from highd_lc.planning.planner import Plan, PlanningProblem, contact_of, made_once
 from highd_lc.planning.pool import Goal, Pool
+from highd_lc.planning.replay import Replay
 from highd_lc.planning.search import search
-from highd_lc.scoring import cross_scores, uncertainty
+from highd_lc.scoring import charges, cross_scores, uncertainty
 from highd_lc.scoring.cross_scores import DrawnLosses
 from highd_lc.scoring.population import Bootstrap, bootstrap_of, ratio_interval
 from highd_lc.scoring.uncertainty import (
@@ -148,11 +149,8 @@ def foresight_rows(study: Study) -> Iterator[Row]:
     for knowledge, drive in kinds:
         for policy in PAIRS[names.START]:
             omega = POLICIES[policy].omega_av(study.problem.settings.loss.omega_av)
-            yield {
-                "policy": policy,
-                "knowledge": knowledge,
-                **_foreseen(drive(study.problem, Goal(names.EQUAL, omega))),
-            }
+            found = _foreseen(drive(study.problem, Goal(names.EQUAL, omega)))
+            yield {"policy": policy, "knowledge": knowledge, **found}
 
 
 def _foreseen(driven: Driven) -> Row:
@@ -211,6 +209,8 @@ def _as_planned(study: Study, cell: Cell, counterpart: DrawnLosses) -> dict[str,
             kept = losses[drivers][~left_out]
             found[model] |= {f"hv_to_{end}": float(kept.mean()) if len(kept) else np.nan}
             found[model] |= {f"contacts_to_{end}": int(left_out.sum())}
+    if played := study.optimal[cell].replay:
+        found[study.model] |= _peaks(played, found[study.model])
     return found
 
 
@@ -229,7 +229,14 @@ def _scored_by(tracker: PlanTracker, plan: Plan) -> Row:
         met = contact_of(tracker.problem, plan.policy, played, accounting)
         row[f"hv_to_{end}"] = np.nan if met else tracker.loss_hv(replace(plan, accounting=accounting), played)
         row[f"contacts_to_{end}"] = int(bool(met))
-    return row
+    return row | _peaks(played, row)
+
+
+def _peaks(played: Replay, row: Row) -> Row:
+    """Strongest braking of any follower up to T and to H [m/s^2], where the row has no contact up to there."""
+    ends = (("T", played.av.n), ("H", len(played.av.x) - 1))
+    clear = [(end, last) for end, last in ends if not row[f"contacts_to_{end}"]]
+    return {f"peak_to_{end}": charges.peak_deceleration(played.a, last) for end, last in clear}
 
 
 def horizon_rows(study: Study) -> Iterator[Row]:

@@ -97,6 +97,8 @@ REFERENCE: Final = "reference"
 INFEASIBLE: Final = "infeasible"
 INFEASIBLE_AT_START: Final = "infeasible_at_start"
 CONTACT: Final = "contact"
+# Of somebody else's planner that raised an error, or whose motion cannot be used.
+FAULTY: Final = "faulty"
 PLAN_STATUSES: Final = (SOLVED, REFERENCE, CONTACT, INFEASIBLE, INFEASIBLE_AT_START)
 
 # What the AV does that may not change lane as a policy asks (equations.md 5.9): it waits, or stays in its lane.
@@ -137,6 +139,8 @@ OWN_FIT: Final = "own_fit"
 MEAN: Final = "mean"
 IDM: Final = "idm"
 POPULATION: Final = "population"
+# Nobody's here: SUMO's drivers, in whose traffic chosen events are replayed.
+SUMO: Final = "sumo"
 # Families of their commands.
 NO_COMMAND: Final = "none"
 LCM: Final = "lcm"

@@ -205,6 +205,23 @@ class RobustSettings(BaseModel):
         return 1.0 if self.aggregate == "mean" else self.worst_share
 
 
+class SumoSettings(BaseModel):
+    """Replays in SUMO, whose followers know none of our models (extra sumo)."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    events: Annotated[
+        int,
+        Field(
+            ge=0, le=100000, description="events replayed so, stratified and seeded; 0 = none, and no SUMO needed"
+        ),
+    ] = 0
+    model: Annotated[
+        Literal["EIDM", "Krauss"],
+        Field(description="SUMO's car-following model of the cars; trucks drive by EIDM"),
+    ] = "EIDM"
+
+
 CONSTANT_SPEED: Final = "constant_speed"
 CONSTANT_ACCELERATION: Final = "constant_acceleration"
 FOLLOWER_MODEL: Final = "lcm"

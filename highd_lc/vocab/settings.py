@@ -18,6 +18,7 @@ from highd_lc.vocab.sections import (
     Section,
     StatisticsSettings,
     StudySettings,
+    SumoSettings,
 )
 from highd_lc.vocab.tracking import TrackingSettings
 
@@ -35,7 +36,7 @@ class IngestSettings(Section):
     """Reading recordings."""
 
     format: Annotated[
-        Literal["auto", "highd", "ngsim"],
+        Literal["auto", "highd", "ngsim", "tgsim", "exid"],
         Field(description="format of the recordings; auto: by what the folder holds (docs/data.md)"),
     ] = "auto"
     ngsim_smoothing: Annotated[
@@ -301,6 +302,7 @@ class ValidateSettings(Section):
     robust: RobustSettings = RobustSettings()
     multiverse: MultiverseSettings = MultiverseSettings()
     closed_loop: ClosedLoopSettings = ClosedLoopSettings()
+    sumo: SumoSettings = SumoSettings()
     planners: Annotated[
         tuple[Annotated[str, Field(min_length=1)], ...],
         Field(description="planners of others beside ours: module:function, or names of entry points"),

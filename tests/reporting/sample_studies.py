@@ -51,7 +51,7 @@ def studies(**changes: object) -> StudyTables:
     frames = {
         "cross_scores": [
             {"form": f, "planned_with": "own_fit", "scored_with": m, "optimised": a, "scored": b, "touching": 1,
-             **gains(i)}
+             "peak_benchmark": 2.5, "peak_local": 2.0, **gains(i)}
             for i, ((f, a), b, m) in enumerate(
                 product(cells, names.ACCOUNTINGS, ("own_fit", "table3", *SECOND_OPINIONS))
             )
@@ -115,6 +115,12 @@ def studies(**changes: object) -> StudyTables:
              "worst_model": "own_fit"}
             for f, p in ((names.FIXED, names.LOCAL_OPTIMUM), (names.FREE, names.LOCAL_OPTIMUM_FREE))
             for k in range(1, 9)
+        ],
+        "sumo_summary": [
+            {"policy": p, "driven_by": m, "follower": k, "n_events": 9, "contacts": 1, "n_compared": 8,
+             "loss": 20.0 + k, "peak_decel": 1.5, "speed_drop_mps": 3.0 - k}
+            for p in (names.HUMAN, *names.FIXED_POLICIES, names.CONSTANT) for m in ("own_fit", names.SUMO)
+            for k in (1, 2)
         ],
     }  # fmt: skip
     tables = {name: pd.DataFrame(rows) for name, rows in frames.items()}

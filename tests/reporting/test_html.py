@@ -62,7 +62,7 @@ def test_json_refuses_nan():
 def test_every_word_has_a_label():
     assert set(names.POLICIES) < set(labels.POLICIES)
     assert set(labels.REASONS) == set(names.REASONS)
-    assert set(labels.STATUSES) == set(names.PLAN_STATUSES)
+    assert set(labels.STATUSES) == {*names.PLAN_STATUSES, names.FAULTY}
     assert set(labels.FIT_STATUSES) == set(names.FIT_STATUSES)
     assert set(labels.ACCOUNTINGS) == set(labels.ACCOUNTING_NAMES) == set(names.ACCOUNTINGS)
 

@@ -224,6 +224,19 @@ def test_cross_scores_hold_every_number():
         assert [row[6] for row in rows] == [f"{100 * g:.2f}".replace("-", "−") for g in gains]
 
 
+def test_the_wave_in_sumo_stands_beside_that_of_the_planning_model():
+    rows = rows_of(robustness(), after='id="sumo"')
+    shown = [row for row in rows[1:] if row[0] == "Local optimum"]
+    assert [row[1] for row in shown[:4]] == ["HV 1", "HV 1", "HV 2", "HV 2"]
+    assert [row[2] for row in shown[:4]] == ["own fit", "SUMO"] * 2
+    assert shown[0][3:] == ["8", "1", "21.00", "1.50", "2.00"]
+
+
+def test_without_replays_nothing_is_said_of_sumo():
+    full = studies()
+    assert 'id="sumo"' not in studies_page(replace(full, sumo_summary=full.sumo_summary.iloc[:0]))
+
+
 def test_those_who_lose_most_come_first_and_are_linked():
     page = robustness()
     rows = rows_of(page, after='id="worse"')[1:]

@@ -1,6 +1,7 @@
 """Planners of others in a run: found by name, rows of their own, and one board with ours."""
 
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,8 +11,15 @@ import running
 
 from highd_lc.io import artefacts
 from highd_lc.io import settings as settings_file
+from highd_lc.reporting import labels
+from highd_lc.reporting.figures_event import EventPainter, event_panels
+from highd_lc.reporting.pages_event import Links, event_page
+from highd_lc.stages.event_report import event_report, read_tables
 from highd_lc.stages.other_planners import OtherPlanners, load, sources
+from highd_lc.stages.scenes import scene_makers
+from highd_lc.vocab import names
 from highd_lc.vocab.errors import SettingsError
+from highd_lc.vocab.job import Job, Provenance
 
 ROOT = Path(__file__).resolve().parents[2]
 PLANNERS = ("examples.fixed_quintic:fixed_quintic", "faulty_planner:sometimes")
@@ -118,3 +126,88 @@ def test_times_go_to_the_log_and_not_into_tables(work):
     assert set(log["planner"]) == {"fixed_quintic", "sometimes", "local_optimum"}
     assert (log["ms_median"] >= 0.0).all()
     assert np.isfinite(log["ms_largest"]).all()
+
+
+# --- drawn as ours are ---
+
+
+@pytest.fixture(scope="module")
+def moved(work):
+    rows = pd.read_parquet(work / "trajectories")
+    return rows[rows["policy"] == "fixed_quintic"]
+
+
+def test_motions_of_others_are_written_as_ours_are(work, moved):
+    ours = pd.read_parquet(work / "trajectories")
+    ours = ours[(ours["policy"] == "constant") & (ours["followers"] == "population")]
+    assert set(moved["followers"]) == {"population"}
+    for kind in ("simulated", "tracked"):
+        one, other = (rows[rows["kind"] == kind] for rows in (moved, ours))
+        roles = one.groupby("event_id")["role"].agg(set)
+        assert roles.to_dict() == other.groupby("event_id")["role"].agg(set).to_dict()
+    events = artefacts.read(work, "events").set_index("event_id")
+    ends = moved[(moved["kind"] == "tracked")].groupby("event_id").tail(1).set_index("event_id")
+    assert ends["t"].to_numpy() == pytest.approx(5.0)
+    shift = events.loc[ends.index, "lateral_shift_m"].to_numpy()
+    assert ends["y"].to_numpy() == pytest.approx(shift, abs=0.1)
+    assert "sometimes" not in set(pd.read_parquet(work / "trajectories")["policy"])
+
+
+def test_the_followers_losses_follow_from_the_written_motions(work, moved):
+    rows = artefacts.read(work, "other_plans")
+    rows = rows[(rows["policy"] == "fixed_quintic") & (rows["accounting"] == "equal") & rows["loss_total"].notna()]
+    assert len(rows) > 3
+    for row in rows.itertuples():
+        of_event = moved[(moved["event_id"] == row.event_id) & (moved["kind"] == "simulated")]
+        for rank, loss in enumerate(row.loss_hv_each, start=1):
+            one = of_event[of_event["role"] == f"target_follower_{rank}"].astype({"vx": float, "ax": float})
+            comfort = np.abs(np.diff(one["ax"])).sum() / 0.1 / 8.0
+            assert 0.5 * comfort + 0.5 * np.abs(one["vx"] - 33.54).sum() / 33.54 == pytest.approx(loss, rel=1e-5)
+
+
+@pytest.fixture(scope="module")
+def reports(work):
+    settings = settings_file.with_planners(settings_file.load(ROOT / "tests" / "faults" / "quick.toml"), PLANNERS)
+    job = Job(1, running.FIXTURES, work, settings, Provenance("settings", {}, 1, "code"))
+    tables = read_tables(job)
+    found = []
+    for event, (_, scene_of) in zip(tables.events, scene_makers(tables.scenes, settings.validation), strict=True):
+        found.append(event_report(event, tables, scene_of(), settings.validation))
+    return found
+
+
+def test_an_event_s_page_has_the_motion_and_every_table_of_others(reports):
+    assert {report.planners for report in reports} == {("fixed_quintic", "sometimes")}
+    planned = [report for report in reports if report.play("fixed_quintic")]
+    assert len(planned) > 3
+    for report in planned:
+        play, ours = report.play("fixed_quintic"), report.play("constant")
+        assert play.T == 5.0
+        assert len(play.followers) == len(ours.followers)
+        assert play.ego.x[0] == pytest.approx(ours.ego.x[0], abs=1e-3)
+        assert play.ego.v[0] == pytest.approx(report.v0, abs=0.1)
+    page = event_page(planned[0], Links())
+    head = '<span class="key" style="background: var(--other-'
+    assert page.count(head) == 2 * 3 * 3 + 2  # losses, plans, safety of three accountings; two tables of tracking
+    assert '"policy":"fixed_quintic"' in page
+    assert "only to the left" in page or "no left turns" in page
+
+
+def test_an_event_s_figure_draws_and_names_them(reports):
+    report = next(report for report in reports if report.play("fixed_quintic"))
+    panels = event_panels(report)
+    plain = replace(report, plans=tuple(row for row in report.plans if row["policy"] in names.POLICIES))
+    for name in ("lateral", "speed", "acceleration"):
+        assert len(panels[name].curves) == len(event_panels(plain)[name].curves) + 1
+    assert {"fixed_quintic", "sometimes"} <= set(panels["loss"].names)
+    painter = EventPainter()
+    assert painter.png(report) != painter.png(plain)
+    assert painter.png(report) == EventPainter().png(report)
+
+
+def test_a_planner_s_colour_goes_with_its_name_and_is_no_policy_s():
+    ours = {look.light for look in labels.POLICIES.values()}
+    look = labels.look("examples.commonroad_reactive:plan")
+    assert look.light not in ours
+    assert look == labels.look(look.label)
+    assert len(labels.short_policy(look.label)) == 18

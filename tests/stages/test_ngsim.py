@@ -9,7 +9,7 @@ import running
 from ngsim_recording import FOOT, STARTS, carriageway, table, write_csv, write_portal, write_text
 
 from highd_lc.extraction.data_quality import vehicle_facts
-from highd_lc.io import ngsim
+from highd_lc.io import unmarked
 from highd_lc.io.formats import format_of
 from highd_lc.io.ngsim_files import FIELDS, PLACE_OF
 from highd_lc.stages import cross_checks
@@ -180,10 +180,10 @@ def test_noisy_positions_are_smoothed_and_clean_ones_are_not(tmp_path, made, row
 def test_smoothing_leaves_a_straight_line_alone_and_averages_symmetrically():
     parts = np.array([0, 50, 60])
     line = np.concatenate([3.0 * np.arange(50), 7.0 - np.arange(10.0)])
-    np.testing.assert_allclose(ngsim.smooth(parts, line, 5.0), line, atol=1e-9)
+    np.testing.assert_allclose(unmarked.smooth(parts, line, 5.0), line, atol=1e-9)
     spike = np.zeros(60)
     spike[20] = 1.0
-    found = ngsim.smooth(parts, spike, 5.0)
+    found = unmarked.smooth(parts, spike, 5.0)
     weights = np.exp(-np.abs(np.arange(-15, 16)) / 5.0)
     np.testing.assert_allclose(found[20], 1.0 / weights.sum())
     np.testing.assert_allclose(found[18], np.exp(-0.4) / weights.sum())

@@ -230,6 +230,7 @@ def made_cross() -> pd.DataFrame:
     local = rows["policy"] == names.LOCAL_OPTIMUM
     rows["av_to_T"], rows["av_to_H"] = 6.0 + local, 10.0 + local
     rows["contacts_to_T"] = rows["contacts_to_H"] = 0
+    rows["peak_to_T"], rows["peak_to_H"] = 1.0 - 0.5 * local, 2.0 - 0.5 * local
     rows["contact_after_T"] = (rows["accounting"] == names.PAPER) & local & (rows["event_id"] == IDS[0])
     scores = (("own_fit", 4.0, 10.0), ("table3", 3.0, 8.0), (IDM_MOTORWAY, 2.0, 20.0), (DRAWN, 6.0, 5.0))
     made = pd.concat(
@@ -261,6 +262,8 @@ def test_cross_scores_add_what_the_accounting_charges(scored, scored_with, local
     assert row["gain"] == pytest.approx(1 - local / benchmark)
     assert row["total_benchmark"] == pytest.approx(19 * benchmark)
     assert row["infeasible"] == 1
+    peaks = (1.0, 0.5) if scored == names.PAPER else (2.0, 1.5)
+    assert (row["peak_benchmark"], row["peak_local"]) == peaks
 
 
 def test_cross_scores_leave_contacts_out_and_say_how_many():

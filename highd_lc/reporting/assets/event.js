@@ -50,6 +50,7 @@ function decode(data) {
   for (const play of data.plays) {
     const channels = unpack(play);
     play.ego = path(channels);
+    play.colour = data.looks[play.policy].colour;
     play.jerk = spread(channels[4], length);
     play.followers = [];
     for (let k = 5; k < channels.length; k += 4) play.followers.push(path(channels.slice(k, k + 4)));
@@ -290,11 +291,11 @@ class EventPage {
   drawTracks() {
     for (const figure of document.querySelectorAll("[data-track]")) {
       const [part, column, title, unit] = figure.dataset.track.split("|");
-      const series = this.data.tracks.map((track) => {
+      const series = this.data.tracks.filter((track) => track[part]).map((track) => {
         const { values } = unpack(track[part])[Number(column)];
         const look = this.data.looks[track.policy];
         return {
-          name: look.label, label: "", colour: `var(--policy-${track.policy})`, dash: look.dashed ? "7 4" : null, width: 1.6,
+          name: look.label, label: "", colour: look.colour, dash: look.dashed ? "7 4" : null, width: 1.6,
           x: [...values.keys()].map((k) => k * track.dt), y: [...values],
         };
       });

@@ -134,7 +134,7 @@ function shortRole(role) {
 }
 
 function colour(play) {
-  return `var(--policy-${play.policy})`;
+  return play.colour;
 }
 
 /* Value of a channel at time t, between its samples; NaN where it is not in view. */

@@ -26,6 +26,7 @@ from highd_lc.vocab.tables.summaries import (
     TRACKING,
     VALIDATION_MATRIX,
 )
+from highd_lc.vocab.tables.sumo import SUMO_TABLES
 from highd_lc.vocab.tables.truth import TRUTH
 
 SCHEMA_VERSION: Final = 3
@@ -93,7 +94,7 @@ RECORDINGS = Table(
         _RECORDING,
         Column("driving_direction", "int64", "1 = upper carriageway, 2 = lower", minimum=1, maximum=2),
         Column("location_id", "int64", "site of the recording"),
-        _word("format", "format of its files", ("highd", "ngsim")),
+        _word("format", "format of its files", ("highd", "ngsim", "tgsim")),
         _number("frame_rate", "frames a second", "Hz", nullable=False, minimum=0),
         Column("markings", "list<float64>", "lane markings from the right edge, ascending, first 0 [m]"),
         _number("entry_m", "smallest x that a box of the recording reaches", "m", nullable=False),
@@ -364,7 +365,7 @@ TABLES: Final = {
     for table in (
         TRACKS, VEHICLES, RECORDINGS, CROSSINGS, EVENTS, EVENT_TRACKS, FOLLOWERS, PLANS, LOSSES,
         VALIDATION_MATRIX, TRACKING, SUMMARY_LOSSES, EVENT_PAGES, *FIT_TABLES, *PREDICTION_TABLES,
-        *SAFETY_TABLES, *STUDY_TABLES, *ROBUST_TABLES, *CLOSED_LOOP_TABLES, OTHER_PLANS, LEADERBOARD,
-        *SCENARIO_TABLES, TRUTH,
+        *SAFETY_TABLES, *STUDY_TABLES, *ROBUST_TABLES, *CLOSED_LOOP_TABLES, *SUMO_TABLES,
+        OTHER_PLANS, LEADERBOARD, *SCENARIO_TABLES, TRUTH,
     )
 }  # fmt: skip

@@ -331,7 +331,7 @@ TRAJECTORIES = Table(
     (
         _EVENT,
         word("accounting", "over which time each side is charged", names.ACCOUNTINGS),
-        word("policy", "who planned the motion, or recorded", (*names.POLICIES, RECORDED)),
+        word("policy", "who planned the motion: a policy, somebody else's planner, or recorded"),
         word("followers", "follower model that simulated; empty for kind recorded"),
         word("kind", "recorded, simulated or tracked", ("recorded", "simulated", "tracked")),
         word("role", "role of the vehicle in the event"),

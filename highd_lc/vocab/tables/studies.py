@@ -14,6 +14,8 @@ SECOND_OPINIONS: Final = (IDM_MOTORWAY, DRAWN)
 parameters drawn within the spread of those that planned.
 """
 
+_PEAKLESS: Final = " and ".join(SECOND_OPINIONS)
+
 FRONT: Final = "front"
 SWEEP: Final = "sweep"
 
@@ -60,7 +62,8 @@ _PLANNED_WITH = word("planned_with", "follower model that made the plans")
 _SCORED_WITH = word(
     "scored_with",
     f"who the followers are when the plans are scored: a follower model, {IDM_MOTORWAY} (all of them IDM drivers "
-    f"on a motorway), or {DRAWN} (parameters drawn within the spread of those that planned; means over the draws)",
+    f"on a motorway), {DRAWN} (parameters drawn within the spread of those that planned; means over the draws), "
+    f"or {names.SUMO} (driven by SUMO, on a sample)",
 )
 
 CROSS_LOSSES = Table(
@@ -87,6 +90,15 @@ CROSS_LOSSES = Table(
             )
             for end in ("T", "H")
         ),
+        *(
+            number(
+                f"peak_to_{end}",
+                f"strongest braking of any follower up to {end}; null of {_PEAKLESS}",
+                "m/s²",
+                minimum=0,
+            )
+            for end in ("T", "H")
+        ),
         Column("contact_after_T", "bool", "whether ellipses overlap between T and H, as planned", "", True),
     ),
 )
@@ -103,6 +115,15 @@ CROSS_SCORES = Table(
         word("scored", "accounting under which they are scored", names.ACCOUNTINGS),
         *GAIN,
         count("touching", "events in which a plan's ellipse overlaps another after T, within the scored time"),
+        *(
+            number(
+                f"peak_{name}",
+                f"mean over events without a contact of the followers' strongest braking under the {words}",
+                "m/s²",
+                minimum=0,
+            )
+            for name, words in (("benchmark", "benchmark"), ("local", "local optimum"))
+        ),
     ),
 )
 

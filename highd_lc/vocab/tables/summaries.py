@@ -191,7 +191,7 @@ SUMMARY_LOSSES = Table(
 )
 
 _PLANNER = word("policy", "name of the planner, as it was given")
-_STATUSES = (names.SOLVED, names.CONTACT, names.INFEASIBLE, names.INFEASIBLE_AT_START, "faulty")
+_STATUSES = (names.SOLVED, names.CONTACT, names.INFEASIBLE, names.INFEASIBLE_AT_START, names.FAULTY)
 _OF_LOSSES = ("loss_av", "av_comfort", "av_efficiency", "loss_hv", "hv_comfort", "hv_efficiency", "loss_total")
 
 OTHER_PLANS = Table(
@@ -212,6 +212,11 @@ OTHER_PLANS = Table(
         Column("violations", "list<string>", "limits and clearances that its motion breaks; nothing is rejected"),
         word("contact", "who drives through whom, over the accounted time; empty = nobody"),
         *(number(name, f"{name} as in losses", minimum=0) for name in _OF_LOSSES),
+        Column(
+            "loss_hv_each",
+            "list<float64>",
+            "loss of each follower, nearest first, without its weight; empty without one",
+        ),
         number("loss_hv_increment", "loss_hv minus that of no lane change over the same time"),
         number("min_gap_m", "smallest gap of a target-lane pair", "m"),
         number("min_time_headway_s", "smallest time headway of a target-lane pair", "s"),

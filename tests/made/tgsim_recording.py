@@ -1,0 +1,42 @@
+"""Recordings in TGSIM's format, made from a carriageway in road coordinates: no row of a data set is copied."""
+
+import numpy as np
+import pandas as pd
+from ngsim_recording import Made
+
+COLUMNS = (
+    "id", "time", "xloc_kf", "yloc_kf", "lane_kf", "speed_kf", "acceleration_kf", "length_smoothed",
+    "width_smoothed", "type_most_common", "av", "run_index",
+)  # fmt: skip
+
+
+def table(made: Made, *, turned: float = 25.0, run: int = 1, first: float = 3.0) -> pd.DataFrame:
+    """Its direction 2 as a table with TGSIM's columns and rounding.
+
+    turned: the way of the road on the image, clockwise from its x axis [degrees]; first: time of frame 1 [s].
+    """
+    tracks, metas = made.recording.road.tracks, made.recording.vehicles
+    counts = tracks.index.counts
+    rows = np.repeat(metas.direction == 2, counts)
+    own = {
+        name: np.repeat(getattr(metas, name), counts)[rows] for name in ("id", "length", "width", "vehicle_class")
+    }
+    x, y, vx, ax, lane = (getattr(tracks, name)[rows] for name in ("x", "y", "vx", "ax", "lane"))
+    right = made.markings[-1] - y
+    cos, sin = np.cos(np.radians(turned)), np.sin(np.radians(turned))
+    return pd.DataFrame(
+        {
+            "id": own["id"],
+            "time": (first + (tracks.index.frame[rows] - 1) / 10.0).round(1),
+            "xloc_kf": (100.0 + x * cos - right * sin).round(4),
+            "yloc_kf": (80.0 + x * sin + right * cos).round(4),
+            "lane_kf": len(made.markings) - lane,
+            "speed_kf": vx.round(4),
+            "acceleration_kf": ax.round(4),
+            "length_smoothed": own["length"].round(3),
+            "width_smoothed": own["width"].round(3),
+            "type_most_common": np.where(own["vehicle_class"] == "Truck", "large-vehicle", "small-vehicle"),
+            "av": "no",
+            "run_index": run,
+        }
+    )[list(COLUMNS)]
