@@ -14,13 +14,14 @@ from numpy.typing import NDArray
 from highd_lc.core.drive import (
     IDM,
     LCM,
-    NO_COMMAND,
     UNBOUNDED,
     advance,
     bounded,
     credited,
     family_command,
     follower_command,
+    in_need,
+    intended,
     jump,
     remembered,
 )
@@ -198,6 +199,33 @@ def evaluate_into(
 
 
 @njit(inline="always")
+def _step(
+    k: int,
+    w: int,
+    a: float,
+    spacing: float,
+    counted: float,
+    efficiency: float,
+    ref: float,
+    both_sides: float,
+    dt: float,
+    state: FloatArray,
+    speed: FloatArray,
+    own: FloatArray,
+) -> None:
+    """Charge candidate w's follower for its command at sample k, and move it."""
+    x, v = state[FRONT * WIDTH + w], state[SPEED * WIDTH + w]
+    short = ref - v
+    state[TO_H * WIDTH + w] += counted * abs(a - state[COMMAND * WIDTH + w]) + efficiency * max(
+        short, -both_sides * short
+    )
+    state[NEAREST * WIDTH + w] = min(state[NEAREST * WIDTH + w], spacing)
+    own[k * WIDTH + w], speed[k * WIDTH + w] = x, v
+    later, faster = advance(x, v, a, dt)
+    state[FRONT * WIDTH + w], state[SPEED * WIDTH + w], state[COMMAND * WIDTH + w] = later, faster, a
+
+
+@njit(inline="always")
 def _drive_all_the_way(
     family: int,
     reacts: bool,
@@ -243,27 +271,26 @@ def _drive_all_the_way(
                 )  # fmt: skip
         share = credited((k - insertion) * dt, relaxation) if reacts else 0.0
         counted = comfort / dt if k > 0 else 0.0
-        for w in range(WIDTH):
-            x, v = state[FRONT * WIDTH + w], state[SPEED * WIDTH + w]
-            spacing, v_leader = ahead[k * WIDTH + w] - x, speed[k * WIDTH + w]
-            if reacts:
-                credit, v_credit = share * state[JUMP * WIDTH + w], share * state[V_JUMP * WIDTH + w]
+        # What is credited of a jump costs a tenth, and mostly there is nothing.
+        if share > 0.0:
+            for w in range(WIDTH):
+                v, v_leader = state[SPEED * WIDTH + w], speed[k * WIDTH + w]
+                spacing = ahead[k * WIDTH + w] - state[FRONT * WIDTH + w]
                 a = follower_command(
                     family, v, spacing, v_leader, length, v_desire, A, b, B, tau, L,
-                    credit, v_credit, m, a_0, drift, need, hardest,
+                    share * state[JUMP * WIDTH + w], share * state[V_JUMP * WIDTH + w], m, a_0, drift, need,
+                    hardest,
                 )  # fmt: skip
-            else:
-                a = bounded(
-                    family_command(family, v, spacing, v_leader, length, v_desire, A, b, B, tau, L), hardest
-                )
-            later, faster = advance(x, v, a, dt)
-            short = ref - v
-            state[TO_H * WIDTH + w] += counted * abs(a - state[COMMAND * WIDTH + w]) + efficiency * max(
-                short, -both_sides * short
-            )
-            state[NEAREST * WIDTH + w] = min(state[NEAREST * WIDTH + w], spacing)
-            own[k * WIDTH + w], speed[k * WIDTH + w] = x, v
-            state[FRONT * WIDTH + w], state[SPEED * WIDTH + w], state[COMMAND * WIDTH + w] = later, faster, a
+                _step(k, w, a, spacing, counted, efficiency, ref, both_sides, dt, state, speed, own)
+        else:
+            for w in range(WIDTH):
+                v, v_leader = state[SPEED * WIDTH + w], speed[k * WIDTH + w]
+                spacing = ahead[k * WIDTH + w] - state[FRONT * WIDTH + w]
+                a = family_command(family, v, spacing, v_leader, length, v_desire, A, b, B, tau, L)
+                if reacts:
+                    a = in_need(intended(a, a_0, m, drift), spacing - length, v - v_leader, need)
+                a = bounded(a, hardest)
+                _step(k, w, a, spacing, counted, efficiency, ref, both_sides, dt, state, speed, own)
         m *= kept
         if k == n:
             for w in range(WIDTH):
@@ -272,7 +299,7 @@ def _drive_all_the_way(
 
 def _driving(family: int, reacts: bool) -> Any:
     """The kernel of followers of a family, bare or reacting, with a machine code of its own; of a family below 0
-    by a command whose address is theirs.
+    by whatever command is theirs.
 
     It fills the fronts of follower i, behind the fronts ahead and their speeds, which its own replace. moments:
     samples from which the first one has the AV as leader, and of the AV's crossing. In the scratch: its losses,
@@ -299,9 +326,8 @@ def _driving(family: int, reacts: bool) -> Any:
     return drive
 
 
-_drive_bare_lcm, _drive_lcm = _driving(LCM, False), _driving(LCM, True)
-_drive_idm, _drive_uncommanded = _driving(IDM, True), _driving(NO_COMMAND, True)
-_drive_by_function = _driving(-1, True)
+_drive_bare_lcm, _drive_lcm, _drive_idm = _driving(LCM, False), _driving(LCM, True), _driving(IDM, True)
+_drive_any = _driving(-1, True)
 
 
 @njit(cache=True, nogil=True)
@@ -327,7 +353,5 @@ def _drive_follower(
         _drive_lcm(i, n, moments, state, scene, crowd, draw, terms, ahead, speed, own)
     elif family == IDM:
         _drive_idm(i, n, moments, state, scene, crowd, draw, terms, ahead, speed, own)
-    elif family > IDM:
-        _drive_by_function(i, n, moments, state, scene, crowd, draw, terms, ahead, speed, own)
     else:
-        _drive_uncommanded(i, n, moments, state, scene, crowd, draw, terms, ahead, speed, own)
+        _drive_any(i, n, moments, state, scene, crowd, draw, terms, ahead, speed, own)
