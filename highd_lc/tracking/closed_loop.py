@@ -245,7 +245,8 @@ def drive_mpc(
     held[0], held[1] = rows[0, SPEED], rows[0, STEERING]
     for c in range(3):
         log.states[0, c] = rows[0, c] + offset[c]
-    drive_span((0, log.inputs.shape[0]), held, rows, wheelbases, noise, p, memory, log)
+    span = (np.int64(0), log.inputs.shape[0])  # a literal 0 would be another kind, with a machine code of its own
+    drive_span(span, held, rows, wheelbases, noise, p, memory, log)
 
 
 @njit(cache=True, nogil=True)
