@@ -71,10 +71,11 @@ multi-body car those of a stratified, seeded sample (`validate.studies.multibody
 its own, whatever the ego's class. Both carry the event's box along the tracked rear axle.
 Around the tracked motion everybody is simulated again: the followers behind it, the drive after
 T from where it ends. Limits and clearances are checked on that, without a tolerance for
-contact: a plan that lies on its clearance may lose it by as much as the car is off. `tracking`
+contact: a plan that lies on its clearance may lose it by as much as the car is off. That is why
+the profile `practice` asks for a margin, between ellipses and between followers. `tracking`
 has planned and tracked losses and clearance side by side, `tracking_summary` the figures by
-policy and plant. What has no plan, or one that is not finite, is a row with its status and no
-numbers.
+policy and plant, `tracking_contacts` the contacts by pair and cause. What has no plan, or one
+that is not finite, is a row with its status and no numbers.
 
 The multi-body car weaves by itself: at {speed:g} m/s, speed and steering held straight for 10 s
 and no controller at all, its rear axle accelerates sideways by up to {acceleration:.2f} m/s^2,

@@ -2,6 +2,7 @@
 
 import time
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Final
 
 import numpy as np
@@ -11,11 +12,20 @@ from highd_lc.core.quintic import Quintic, StartState, reaches, sample
 from highd_lc.driving.knowledge import joined_since, known_scene
 from highd_lc.driving.replanning import SHORTEST, Chosen, Posed, Tail, way_back
 from highd_lc.driving.tracker import Tracker
-from highd_lc.driving.world import NOWHERE, Way, followers, origin_follower
+from highd_lc.driving.world import (
+    NOWHERE,
+    Way,
+    coming_over,
+    drive_after,
+    followers,
+    keeping_lane,
+    led_by,
+    origin_follower,
+)
 from highd_lc.planning.crowd import Crowd
-from highd_lc.planning.later import Around, AvState, later_scene, own_lane
+from highd_lc.planning.later import Around, AvState, later_scene
 from highd_lc.planning.limits import contacts
-from highd_lc.planning.planner import PlanningProblem, plan_one
+from highd_lc.planning.planner import Plan, PlanningProblem, plan_one
 from highd_lc.planning.replay import AvMotion, Replay, clearances, drive_on, free_motion
 from highd_lc.planning.robust import RobustProblem, plan_one_robust
 from highd_lc.planning.scene import NOT_YET, Motion, PackedScene, Scene, leaders_of, obstacle_roles
@@ -133,6 +143,16 @@ class _Drive:
         self.av = free_motion(self.case.world)
         self._keep_lane(0)
 
+    @cached_property
+    def _all_that_comes(self) -> PackedScene:
+        """The scene of who knows it: behind the origin leader, where that comes over ahead of the planned AV."""
+        problem = self.case.problem
+        planned = _planned(self.case, problem).replay
+        if planned is None:
+            return problem.packed
+        leads = coming_over(self.scene, problem.packed, planned.av, planned.av.n)
+        return led_by(problem.packed, self.scene.origin_leader, leads)
+
     @property
     def scene(self) -> Scene:
         """The event."""
@@ -226,7 +246,12 @@ class _Drive:
         return self.case.asked.omega_av(self.case.problem.settings.loss.omega_av)
 
     def _known(self, k: int) -> PackedScene:
-        return known_scene(self.scene, self.case.problem.packed, k, self.case.settings.leaders)
+        crossed = self.plan is not None and k >= self.av.crossing
+        front = float(self.av.x[k]) + self.scene.length / 2.0 if crossed else np.inf
+        packed, how = self.case.problem.packed, self.case.settings.leaders
+        if how == RECORDED_LEADERS:
+            return self._all_that_comes
+        return known_scene(self.scene, packed, k, how, av_front=front)
 
     def _origin_leader(self, known: PackedScene) -> Motion | None:
         """The origin leader as a known scene has it."""
@@ -297,7 +322,8 @@ class _Drive:
     def _keep_lane(self, k: int) -> None:
         """Fill the AV's motion from sample k on: by the LCM in its own lane."""
         av = self.av
-        drive_on(av.x, av.y, av.vx, av.ax, av.jerk, k, own_lane(self.case.world, self.scene.origin_leader))
+        lane = keeping_lane(self.case.world, self.scene.origin_leader)
+        drive_on(av.x, av.y, av.vx, av.ax, av.jerk, k, lane)
 
     def result(self) -> ClosedLoop:
         """The whole drive, once the manoeuvre is over."""
@@ -306,7 +332,7 @@ class _Drive:
             end, joins = self.end, self.way.turns_back == NOT_YET
             self.tracker.finish(av, self.way.begins, end)
             if joins:
-                drive_on(av.x, av.y, av.vx, av.ax, av.jerk, end, world)
+                drive_after(self.scene, world, av, end)
             else:
                 self._keep_lane(end)
         x, v, a = followers(world, av, self.way, k=self.last)
@@ -334,10 +360,13 @@ def _straight(av: AvMotion, k: int) -> StartState:
 
 def _first_plan(case: Case, problem: PlanningProblem) -> Chosen:
     """The plan at t_start, as it stands in ``plans`` where everything is known."""
+    plan = _planned(case, problem)
+    return Chosen(plan.quintic, objective=plan.objective, binding=plan.binding)
+
+
+def _planned(case: Case, problem: PlanningProblem) -> Plan:
     once, accounting = case.asked.planned_once, names.PRIMARY_ACCOUNTING
     if case.asked.robust:
         assert case.crowd is not None, "of a robust policy"
-        plan = plan_one_robust(RobustProblem(problem, case.crowd), once, accounting)
-    else:
-        plan = plan_one(case.problem if problem.packed is case.problem.packed else problem, once, accounting)
-    return Chosen(plan.quintic, objective=plan.objective, binding=plan.binding)
+        return plan_one_robust(RobustProblem(problem, case.crowd), once, accounting)
+    return plan_one(case.problem if problem.packed is case.problem.packed else problem, once, accounting)

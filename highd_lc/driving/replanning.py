@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from highd_lc.core.quintic import Quintic
+from highd_lc.driving.world import keeping_lane
 from highd_lc.planning.crowd import Crowd
-from highd_lc.planning.later import own_lane
 from highd_lc.planning.limits import started_violation
 from highd_lc.planning.planner import PlanningProblem, rejections
 from highd_lc.planning.pool import Goal, Pool, Task
@@ -131,7 +131,7 @@ def way_back(posed: Posed, origin_leader: Motion | None) -> Quintic | None:
     """
     problem, best, least = posed.problem, None, np.inf
     scene = problem.packed
-    lane = own_lane(scene, origin_leader)
+    lane = keeping_lane(scene, origin_leader)
     for T in _BACK_S:
         n = round(T / scene.dt)
         for change in _BACK_CHANGES if n < len(scene.target_v) else ():

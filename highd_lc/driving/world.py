@@ -7,11 +7,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from highd_lc.core.drive import drive_behind
-from highd_lc.driving.knowledge import reached
-from highd_lc.planning.later import Around, AvState, later_scene
-from highd_lc.planning.planner import PlanningProblem
-from highd_lc.planning.replay import AvMotion, Replay, clearances, follow, human_motion
-from highd_lc.planning.scene import MOMENT, NOT_YET, PackedScene
+from highd_lc.driving.knowledge import in_the_way, reached
+from highd_lc.planning.later import Around, AvState, later_scene, own_lane
+from highd_lc.planning.replay import AvMotion, drive_on, follow
+from highd_lc.planning.scene import MOMENT, NOT_YET, Motion, PackedScene, Scene
 from highd_lc.vocab.driver import TABLE3_MEANS
 
 FloatArray = NDArray[np.float64]
@@ -72,19 +71,50 @@ def origin_follower(scene: PackedScene, av: AvMotion, *, k: int) -> tuple[float,
     return float(front[-1] - length / 2.0), float(speed[-1])
 
 
-def recorded_drive(problem: PlanningProblem) -> tuple[Replay, int]:
-    """The human among the recorded followers, and the last sample at which all of them are in view.
+def keeping_lane(packed: PackedScene, leader: Motion | None) -> PackedScene:
+    """The scene of an AV that keeps its lane, at a distance at which its safety profile lets it stand.
 
-    Clearances are those up to it.
+    leader: the origin leader, the first of the scene's leaders. Table 3's L says nothing of how long a leader is:
+    behind a lorry an AV would drive into it.
     """
-    scene, packed = problem.scene, problem.packed._replace(rear_to_centre=0.0)
-    av = human_motion(scene.driver, packed)
-    recorded = scene.followers.recorded
-    last = min(av.recorded, *(motion.observed - 1 for motion in recorded))
-    x, v, a = (np.stack([getattr(motion, name) for motion in recorded]) for name in ("x", "v", "a"))
-    seen = slice(0, last + 1)
-    n, crossing = min(av.n, last), min(av.crossing, last)
-    to_T, after_T = clearances(
-        av.x[seen], av.y[seen], av.vx[seen], av.vy[seen], n, crossing, packed, np.ascontiguousarray(x[:, seen])
+    lane = own_lane(packed, leader)
+    if leader is None or not packed.safety.asked:
+        return lane
+    between = packed.a + float(packed.leader_a[0]) + packed.safety.clearance
+    L = between + (leader.length - packed.length) / 2.0
+    return lane._replace(av_parameters=np.append(packed.av_parameters[:-1], max(L, packed.av_parameters[-1])))
+
+
+def coming_over(scene: Scene, world: PackedScene, av: AvMotion, end: int) -> NDArray[np.bool_]:
+    """At which samples the origin leader leads an AV that has ended its lane change at sample ``end``.
+
+    It does from the moment at which it stands in the AV's way, ahead of it and nearer than the lane's leader.
+    """
+    over = scene.origin_leader
+    if over is None:
+        return np.zeros(len(av.x), np.bool_)
+    rear, target = over.x - over.length / 2.0, world.target_front - world.target_length
+    leads = in_the_way(scene, over, over.y, world.safety.clearance) & (rear < target)
+    comes = np.flatnonzero(leads & (rear > av.x + world.length / 2.0) & (np.arange(len(rear)) >= end))
+    leads[: comes[0] if len(comes) else len(leads)] = False
+    return leads
+
+
+def led_by(world: PackedScene, leader: Motion | None, leads: NDArray[np.bool_]) -> PackedScene:
+    """The scene in which that vehicle leads the target lane at some of the samples."""
+    if leader is None or not leads.any():
+        return world
+    front = leader.x - leader.length / 2.0 + world.target_length
+    return world._replace(
+        target_front=np.where(leads, front, world.target_front), target_v=np.where(leads, leader.v, world.target_v)
     )
-    return Replay(av, x, v, a, to_T, after_T), last
+
+
+def drive_after(scene: Scene, world: PackedScene, av: AvMotion, end: int) -> None:
+    """Fill the AV's motion after a lane change that ends at sample ``end``: behind who leads its lane then."""
+    columns, before = (av.x, av.y, av.vx, av.ax, av.jerk), av.ax[end]
+    drive_on(*columns, end, world)
+    leads = coming_over(scene, world, av, end)
+    if leads.any():
+        av.ax[end] = before
+        drive_on(*columns, end, led_by(world, scene.origin_leader, leads))

@@ -51,7 +51,7 @@ from highd_lc.planning.contacts import (
     meet_origin_follower,
 )
 from highd_lc.planning.crowd import Crowd, own_crowd, together
-from highd_lc.planning.safety import keep_ahead, keep_behind, starts_critically
+from highd_lc.planning.safety import keep_ahead, keep_apart, keep_behind, starts_critically
 from highd_lc.planning.scene import FAMILY, MOMENT, PackedScene, Scene
 from highd_lc.vocab.sections import LossSettings
 
@@ -179,6 +179,8 @@ def evaluate_into(
                     if asks and scene.safety.asked and i == 0:
                         keep_behind(crossing, state, scene, av_front, av_v, own, ahead_v, unsafe)
                     if asks and scene.asks_all:
+                        if scene.safety.asked and i > 0:
+                            keep_apart(scene.follower_length[i - 1], state, scene, unsafe)
                         who = (1 if i else 2) * roles + leaders + i
                         length = scene.follower_length[i - 1] if i else scene.length
                         looked, asked = (0, False) if i else (crossing, insertion > crossing)

@@ -40,7 +40,10 @@ INSERTION: Final = "insertion_gap"
 TIME_GAP_AHEAD, DRAC_AHEAD, TIME_GAP_BEHIND, DRAC_BEHIND, SPEED_AFTER_T = (
     "time_gap_ahead", "drac_ahead", "time_gap_behind", "drac_behind", "speed_after_T",
 )  # fmt: skip
-SAFETY: Final = (INSERTION, TIME_GAP_AHEAD, DRAC_AHEAD, SPEED_AFTER_T, TIME_GAP_BEHIND, DRAC_BEHIND)
+FOLLOWER_GAP: Final = "follower_gap"
+SAFETY: Final = (
+    INSERTION, TIME_GAP_AHEAD, DRAC_AHEAD, SPEED_AFTER_T, TIME_GAP_BEHIND, DRAC_BEHIND, FOLLOWER_GAP,
+)  # fmt: skip
 """Constraints of a safety profile; one that fails is numbered 1 + its index (see ``contacts``)."""
 # Rounding of T = n dt must not decide whether a plan on a limit passes.
 _SLACK = 1e-9

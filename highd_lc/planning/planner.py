@@ -283,6 +283,12 @@ def stay(problem: PlanningProblem) -> Replay:
     return Replay(av, x, v, a, to_T, after_T)
 
 
+def unchanged_contacts(problem: PlanningProblem) -> frozenset[str]:
+    """Who of the others drives through whom where nobody changes lane (``names.through``)."""
+    found = limits.contacts(stay(problem), problem.packed, joins=False, last=len(problem.packed.target_v) - 1)
+    return frozenset(name for _, name in found if names.EGO not in name.split("_through_"))
+
+
 def unchanged_motion(problem: PlanningProblem) -> tuple[AvMotion, FloatArray, FloatArray, FloatArray]:
     """The AV behind the origin leader, the followers behind the target leader: its motion, and their x, v, a.
 

@@ -11,11 +11,12 @@ from numpy.typing import NDArray
 
 from highd_lc.core.kernels import UNALIASED
 from highd_lc.core.safety import critical_gap
-from highd_lc.planning.contacts import JUMP, WIDTH
+from highd_lc.planning.contacts import JUMP, NEAREST, WIDTH
 from highd_lc.planning.limits import (
     CONSTRAINTS,
     DRAC_AHEAD,
     DRAC_BEHIND,
+    FOLLOWER_GAP,
     INSERTION,
     SPEED_AFTER_T,
     TIME_GAP_AHEAD,
@@ -127,6 +128,18 @@ def keep_behind(
                     break
 
 
+@njit(inline="always")
+def keep_apart(length: float, state: FloatArray, scene: PackedScene, unsafe: IntArray) -> None:
+    """Where a follower comes too near to the one before it, of that length [m] (see ``keep_ahead``).
+
+    What a plan promises of their gap a car beside its plan does not keep to the millimetre: it has the margin of
+    the ellipses.
+    """
+    for w in range(WIDTH):
+        if state[NEAREST * WIDTH + w] < length + scene.safety.clearance and unsafe[w] == 0:
+            unsafe[w] = 7
+
+
 @njit(cache=True, nogil=True, error_model="numpy")
 def starts_critically(scene: PackedScene) -> bool:
     """Whether the manoeuvre starts while the gap to the first follower is critical (equations.md 5.8)."""
@@ -145,8 +158,8 @@ class Kept:
     moments: dict[str, float] = field(default_factory=dict)
 
     def take(self, name: str, values: FloatArray, first: int, dt: float) -> None:
-        """The smallest of the values, which begin at sample ``first``; nothing where there are none."""
-        if len(values):
+        """The smallest of the values, which begin at sample ``first``, if none is known that is smaller."""
+        if len(values) and not values.min() >= self.margins.get(name, np.nan):
             k = int(np.argmin(values))
             self.margins[name] = float(values[k])
             self.moments[name] = round((first + k) * dt, 10)
@@ -157,6 +170,13 @@ def av_pairs(replay: Replay, scene: PackedScene) -> tuple[Pair | None, Pair | No
     lane = pairs(replay, scene, joins=True)
     ahead = next((pair for pair in lane if pair.follower == names.EGO), None)
     return ahead, next((pair for pair in lane if pair.leader == names.EGO), None)
+
+
+def behind_the_av(replay: Replay, scene: PackedScene) -> list[Pair]:
+    """The pairs of followers behind an AV that changes lane, foremost first."""
+    lane = pairs(replay, scene, joins=True)
+    places = [i for i, pair in enumerate(lane) if pair.leader == names.EGO]
+    return lane[places[0] + 1 :] if places else []
 
 
 def kept(replay: Replay, scene: PackedScene, asked: SafetyLimits, *, start: int = 0) -> Kept:
@@ -172,6 +192,8 @@ def kept(replay: Replay, scene: PackedScene, asked: SafetyLimits, *, start: int 
         if pair is not None:
             found.take(of_gap, time_gaps(pair) - asked.time_gap, pair.first, scene.dt)
             found.take(of_drac, asked.drac - dracs(pair), pair.first, scene.dt)
+    for pair in behind_the_av(replay, scene) if scene.asks_all else ():
+        found.take(FOLLOWER_GAP, pair.gap[start:] - asked.clearance, start, scene.dt)
     _take_drive(found, replay, scene, asked)
     return found
 

@@ -227,6 +227,7 @@ _CONSTRAINT_UNITS: Final = {
     "curvature": "1/m",
     "yaw": "rad/s",
     "insertion": "m",
+    "follower": "m",
     "time": "s",
     "drac": "m/s²",
 }
@@ -238,6 +239,7 @@ _SAFETY_NEAR: Final = {
     "drac_ahead": 0.5,
     "drac_behind": 0.5,
     "speed_after_T": 0.5,
+    "follower_gap": 0.1,
 }
 """Margins up to which a constraint of the safety profile is told beside a plan."""
 

@@ -272,12 +272,26 @@ def through(pair: str) -> str:
     return " drives through ".join(map(role, pair.split("_through_")))
 
 
+CONTACT_CAUSES: Final = {
+    names.BY_TRACKING: "the car beside its plan",
+    names.BY_FOLLOWER_MODEL: "the followers' model, without a lane change too",
+    names.BY_PLAN: "as planned already",
+    names.BY_START: "too near at the start already",
+    names.BY_LEADERS: "leaders do otherwise than predicted",
+    names.BY_FOLLOWERS: "followers do otherwise than predicted",
+    names.BY_FORESIGHT: "who knows all that comes has it too",
+    names.BY_RECORDING: "as recorded",
+}
+"""Why there is a contact (``names.TRACKING_CAUSES``, ``names.LOOP_CAUSES``)."""
+
+
 _BLOCKERS: Final = {
     "motion": "limits of motion",
     "contact": "clearance or contact",
     "insertion_gap": "gap behind at the start (UN R79)",
     "drac_ahead": "DRAC ahead",
     "drac_behind": "DRAC behind",
+    "follower_gap": "gap between followers",
 }
 
 

@@ -15,6 +15,7 @@ NOTHING: Final = (
     "or none could be planned."
 )
 _LEADERS: Final = {
+    "braking": "at constant speed, after 1 s more of the braking of the last second",
     "constant_speed": "at constant speed",
     "constant_acceleration": "with the acceleration measured, for 2 s",
     "lcm": "by the LCM on a free road",
@@ -182,16 +183,18 @@ def _by_policy(known: pd.DataFrame) -> Iterator[tuple[str, pd.DataFrame]]:
 
 
 def _causes(known: pd.DataFrame) -> tuple[TableView, ...]:
-    """Events with each cause, one column a driver; none where nobody touches anybody."""
-    each = known.explode("contact_cause").dropna(subset="contact_cause")
+    """Events with each contact and cause, one column a driver; none where nobody touches anybody."""
+    each = known.explode(["contact_cause", "contact_reason"]).dropna(subset="contact_cause")
     if each.empty:
         return ()
-    counts = pd.crosstab(each["contact_cause"], each["policy"])
+    counts = pd.crosstab([each["contact_cause"], each["contact_reason"]], each["policy"])
     drivers = [policy for policy, _ in _by_policy(known)]
     counts = counts.reindex(columns=drivers, fill_value=0).reset_index()
-    counts = counts.assign(cause=counts["contact_cause"].map(_cause))
+    counts = counts.assign(
+        cause=counts["contact_cause"].map(_cause), why=counts["contact_reason"].map(labels.CONTACT_CAUSES)
+    )
     columns = [Column(policy, labels.POLICIES[policy].label, digits=0) for policy in drivers]
-    return (table_view(counts, [Column("cause", "Cause"), *columns]),)
+    return (table_view(counts, [Column("cause", "Contact"), Column("why", "Cause"), *columns]),)
 
 
 def _cause(name: str) -> str:
@@ -215,5 +218,8 @@ def _drives(known: pd.DataFrame) -> pd.DataFrame:
     return known.assign(
         outcome=known["status"].map(_OUTCOMES),
         reason_label=[labels.blocker(reason) if reason else "" for reason in known["reason"]],
-        causes=["; ".join(map(_cause, causes)) for causes in known["contact_cause"]],
+        causes=[
+            "; ".join(f"{_cause(name)} ({labels.CONTACT_CAUSES[why]})" for name, why in zip(*both, strict=True))
+            for both in zip(known["contact_cause"], known["contact_reason"], strict=True)
+        ],
     )

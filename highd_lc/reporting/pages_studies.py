@@ -30,6 +30,7 @@ class StudyTables:
     solver_summary: pd.DataFrame
     worse_for_somebody: pd.DataFrame
     tracking_summary: pd.DataFrame
+    tracking_contacts: pd.DataFrame
     robust_summary: pd.DataFrame
     situation_ranking: pd.DataFrame
     event_gains: pd.DataFrame
@@ -61,6 +62,7 @@ def _sections(tables: StudyTables) -> Iterator[Section]:
     yield pareto_section(tables.pareto, tables.pareto_summary)
     yield _solver_section(tables.solver_summary)
     yield _tracking_section(tables.tracking_summary)
+    yield _contacts_section(tables.tracking_contacts)
     yield _worse_section(tables.worse_for_somebody)
 
 
@@ -314,6 +316,37 @@ def _tracking_section(summary: pd.DataFrame) -> Section:
         policy_label=summary["policy"].map(lambda policy: labels.POLICIES[policy].label),
     )
     return Section("Planned and tracked", text, tables=(table_view(rows, _TRACKING),), anchor="tracking")
+
+
+_CONTACTS: Final = (
+    Column("followers_label", "Followers"),
+    Column("plant_label", "Plant"),
+    Column("contact_label", "Contact"),
+    Column("cause_label", "Cause"),
+    Column("n_events", "Events", digits=0),
+    Column("n_plans", "Plans", digits=0),
+    Column("n_references", "References", digits=0),
+)
+
+
+def _contacts_section(contacts: pd.DataFrame) -> Section:
+    """Contacts of tracked drives by cause, with every follower model that plans."""
+    plans, references = int(contacts["n_plans"].sum()), int(contacts["n_references"].sum())
+    text = (
+        f"Drives in which somebody drives through another, over 0..H: {plans} of plans that a search chose, "
+        f"{references} of references (human, constant), whose contacts nothing rejects.",
+    )
+    if contacts.empty:
+        return Section("Contacts of tracked drives", text, anchor="tracked-contacts")
+    rows = contacts.assign(
+        followers_label=contacts["followers"].map(labels.follower_model),
+        plant_label=contacts["plant"].map(labels.PLANTS),
+        contact_label=contacts["contact"].map(labels.through),
+        cause_label=contacts["cause"].map(labels.CONTACT_CAUSES),
+    )
+    return Section(
+        "Contacts of tracked drives", text, tables=(table_view(rows, _CONTACTS),), anchor="tracked-contacts"
+    )
 
 
 def _worse_section(worse: pd.DataFrame) -> Section:

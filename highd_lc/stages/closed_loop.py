@@ -2,15 +2,17 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from highd_lc.core.quintic import Quintic, StartState, sample
-from highd_lc.driving.loop import Case, ClosedLoop, Replan, contacts_of, drive_closed_loop
+from highd_lc.driving.causes import causes
+from highd_lc.driving.loop import Case, ClosedLoop, Replan, drive_closed_loop
+from highd_lc.driving.recorded import recorded_contacts, recorded_drive
 from highd_lc.driving.tracker import ExactTracker, MpcTracker, Tracker
-from highd_lc.driving.world import recorded_drive
 from highd_lc.io.workspace import append_log
 from highd_lc.planning.crowd import Crowd
 from highd_lc.planning.limits import pairs, target_leader_lengths
@@ -73,7 +75,8 @@ class Drives:
             case = Case(problem, world.packed, policy, self._asked, crowd)
             loop, known = (drive_closed_loop(one, self._tracker(problem)) for one in (case, case.foreseen()))
             self.times.append((scene.event_id, policy, [decision.seconds for decision in loop.replans]))
-            yield DRIVES, {"policy": policy} | about | drive_row(world, loop, known)
+            why = list(causes(case, loop, known, partial(self._tracker, problem)))
+            yield DRIVES, {"policy": policy, "contact_reason": why} | about | drive_row(world, loop, known)
             for decision in loop.replans:
                 yield REPLANS, {"policy": policy} | replan_row(decision, scene.dt)
             for row in motion_rows(world, loop.replay):
@@ -233,7 +236,7 @@ def _line(row: Mapping[str, Any]) -> tuple[float, FloatArray, FloatArray]:
 def human_row(problem: PlanningProblem) -> Row:
     """Contacts among what was recorded, for comparison."""
     replay, last = recorded_drive(problem)
-    met = contacts_of(replay, problem.scene, problem.packed, joins=True, last=last)
+    met = recorded_contacts(problem, replay, last)
     return {
         "policy": names.HUMAN,
         "followers": RECORDED_DRIVE,
@@ -242,6 +245,7 @@ def human_row(problem: PlanningProblem) -> Row:
         "reason": "",
         "contacts": len(met),
         "contact_cause": list(met),
+        "contact_reason": [names.BY_RECORDING] * len(met),
         "aborted": False,
         **dict.fromkeys(("replans", "new_plans", "freed", "relaxed", "pressed", "held"), 0),
         "T": round(problem.scene.dt * replay.av.n, 10),

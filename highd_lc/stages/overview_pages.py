@@ -154,7 +154,10 @@ def _matrix(overview: Overview) -> str:
 
 
 def _studies(overview: Overview) -> str:
-    return studies_page(StudyTables(**overview.read(*StudyTables.__dataclass_fields__)), [overview.first])
+    # Contacts are told of every follower model: they count for no gain that would have to be of one.
+    whole = {"tracking_contacts": artefacts.read(overview.work, "tracking_contacts")}
+    tables = overview.read(*StudyTables.__dataclass_fields__) | whole
+    return studies_page(StudyTables(**tables), [overview.first])
 
 
 def _multiverse(overview: Overview) -> str:

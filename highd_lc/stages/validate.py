@@ -69,6 +69,7 @@ from highd_lc.stages.validate_samples import (
     pareto_rows,
     plan_row,
     samples,
+    tracking_contacts,
     tracking_rows,
     tracking_summary,
 )
@@ -329,6 +330,7 @@ def _population(combination: Combination, events: pd.DataFrame) -> Iterator[tupl
     yield "start_map", start_map(events, _of_default(work, "plans", models), of_model[models[0]])
     yield "foresight_summary", foresight_summary(artefacts.read(work, "foresight"), settings, seed=seed)
     yield "tracking_summary", tracking_summary(_of_default(work, "tracking", models))
+    yield "tracking_contacts", tracking_contacts(artefacts.read(work, "tracking"))
     yield "solver_summary", solver_summary(artefacts.read(work, "solver_comparison"))
     yield "leaderboard", leaderboard(work, models[0])
     yield "sumo_summary", sumo_summary(artefacts.read(work, "sumo_followers"))

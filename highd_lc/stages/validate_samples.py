@@ -206,6 +206,18 @@ def tracking_summary(tracking: pd.DataFrame) -> pd.DataFrame:
     return pd.DataFrame(rows, columns=list(TABLES["tracking_summary"].column_names))
 
 
+def tracking_contacts(tracking: pd.DataFrame) -> pd.DataFrame:
+    """How often whose drives have which contact, and why. tracking: the artefact, of all follower models."""
+    met = tracking[tracking["contact"].ne("")].rename(columns={"contact_cause": "cause"})
+    met = met.assign(reference=met["policy"].isin(names.REFERENCE_POLICIES))
+    columns = list(TABLES["tracking_contacts"].column_names)
+    rows = [
+        [*key, one["event_id"].nunique(), int((~one["reference"]).sum()), int(one["reference"].sum())]
+        for key, one in met.groupby(columns[:4], sort=True)
+    ]
+    return pd.DataFrame(rows, columns=columns)
+
+
 def _figures(found: pd.DataFrame) -> dict[str, Any]:
     driven = found[found["rmse_lateral_m"].notna()]
     lists = driven["violations"]
@@ -282,7 +294,7 @@ def tracking_rows(planned: Planned) -> Iterator[Row]:
     """A row for each policy that changes lane, and plant."""
     known: list[tuple[DrivenPlan, Row]] = []
     for plan, plant, driven in planned.drives:
-        row: Row = {"status": plan.status, "contact": ""}
+        row: Row = {"status": plan.status, "contact": "", "contact_cause": ""}
         if driven is not None:
             of_same = next((row for other, row in known if other is driven), None)
             row = driven_row(planned.tracker, driven) if of_same is None else of_same
@@ -293,13 +305,13 @@ def tracking_rows(planned: Planned) -> Iterator[Row]:
 def tracking_row(tracker: PlanTracker, plan: Plan, plant: str) -> Row:
     """What tracking makes of a plan on a plant, by the columns of ``tracking``."""
     driven = tracker.drive(plan, plant)
-    row: Row = {"policy": plan.policy, "plant": plant, "status": plan.status, "contact": ""}
+    row: Row = {"policy": plan.policy, "plant": plant, "status": plan.status, "contact": "", "contact_cause": ""}
     return row if driven is None else row | driven_row(tracker, driven)
 
 
 def driven_row(tracker: PlanTracker, driven: DrivenPlan) -> Row:
     """With a plan that cannot be driven, the status alone: every number is missing, none is 0."""
-    row: Row = {"status": driven.result.status, "contact": ""}
+    row: Row = {"status": driven.result.status, "contact": "", "contact_cause": ""}
     if driven.replay is None:
         return row
     row |= {name: getattr(driven.result, name) for name in _FIGURES}
@@ -314,6 +326,7 @@ def _judged(tracker: PlanTracker, driven: DrivenPlan, tracked: Replay) -> Row:
         "loss_av_tracked": float(loss_av(driven.motion, terms).loss),
         "loss_av_planned": float(loss_av(planned_motion(driven.reference), terms).loss),
         "contact": met,
+        "contact_cause": tracker.cause(plan, met),
         "loss_hv_tracked": np.nan if met else tracker.loss_hv(plan, tracked),
         "loss_hv_planned": np.nan if plan.contact else tracker.loss_hv(plan, planned),
         "min_clearance_tracked_m": min(tracker.clearances(plan, tracked).values(), default=np.nan),

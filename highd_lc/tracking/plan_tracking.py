@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 
 from highd_lc.core.losses import Charge, LossTerms, charge
 from highd_lc.core.quintic import Quintic, sample
-from highd_lc.planning.planner import Plan, PlanningProblem, clearance_margins
+from highd_lc.planning.limits import contacts
+from highd_lc.planning.planner import Plan, PlanningProblem, clearance_margins, unchanged_contacts
 from highd_lc.planning.replay import AvMotion, Replay, replay
 from highd_lc.planning.start_planner import key_of, replay_behind
 from highd_lc.planning.starts import StartProblem, pose_starts
@@ -203,6 +204,23 @@ class PlanTracker:
         broken = violations(driven.motion, **limits, acceleration=limit.acceleration, jerk=limit.jerk)
         clear = self.clearances(driven.plan, driven.replay) if driven.replay else {}
         return [*broken, *(name for name, value in clear.items() if value < 0.0)]
+
+    def cause(self, plan: Plan, contact: str) -> str:
+        """Why the drive of a plan has a contact (``names.through``), of ``names.TRACKING_CAUSES``; "" without one.
+
+        That of a searched plan, which touches nobody, is always the tracking's.
+        """
+        if not contact or plan.replay is None:
+            return ""
+        joins = plan.policy != names.NO_LANE_CHANGE
+        planned = contacts(plan.replay, self.problem.packed, joins=joins, last=len(plan.replay.av.x) - 1)
+        if contact not in [name for _, name in planned]:
+            return names.BY_TRACKING
+        return names.BY_FOLLOWER_MODEL if contact in self._unchanged else names.BY_PLAN
+
+    @cached_property
+    def _unchanged(self) -> frozenset[str]:
+        return unchanged_contacts(self.problem)
 
     def loss_hv(self, plan: Plan, played: Replay) -> float:
         """The followers' loss around a motion over the plan's accounted time."""

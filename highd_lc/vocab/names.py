@@ -123,6 +123,20 @@ HELD: Final = "held"
 WAITED: Final = "waited"
 VERDICTS: Final = (REPLANNED, KEPT, TURNED_BACK, FREED, RELAXED, LATEST, HELD, WAITED)
 
+# Why there is a contact (equations.md 5.3). Of a tracked drive: only the car beside its plan has it; the model of
+# the followers has it where nobody changes lane too; the plan has it as well. Of the closed loop: t_start is too
+# near already; who knows all that comes has it too; leaders, or followers, do otherwise than predicted.
+BY_TRACKING: Final = "tracking"
+BY_FOLLOWER_MODEL: Final = "follower_model"
+BY_PLAN: Final = "plan"
+BY_START: Final = "start"
+BY_FORESIGHT: Final = "foreseen"
+BY_LEADERS: Final = "leaders"
+BY_FOLLOWERS: Final = "followers"
+BY_RECORDING: Final = "recorded"
+TRACKING_CAUSES: Final = (BY_TRACKING, BY_FOLLOWER_MODEL, BY_PLAN)
+LOOP_CAUSES: Final = (BY_START, BY_LEADERS, BY_FOLLOWERS, BY_FOLLOWER_MODEL, BY_FORESIGHT, BY_RECORDING)
+
 # Statuses of a fit of the LCM (equations.md 9.8).
 FITTED: Final = "fitted"
 CLASS_POOL: Final = "class_pool"

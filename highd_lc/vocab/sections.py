@@ -223,7 +223,7 @@ class SumoSettings(BaseModel):
 
 
 CONSTANT_SPEED: Final = "constant_speed"
-CONSTANT_ACCELERATION: Final = "constant_acceleration"
+BRAKING: Final = "braking"
 FOLLOWER_MODEL: Final = "lcm"
 RECORDED_LEADERS: Final = "recorded"
 """How the closed loop predicts leaders; ``RECORDED_LEADERS`` is perfect foresight."""
@@ -241,12 +241,13 @@ class ClosedLoopSettings(BaseModel):
         float, Field(ge=0.1, le=60, multiple_of=0.1, description="time from one plan to the next [s]")
     ] = 0.5
     leaders: Annotated[
-        Literal["constant_speed", "constant_acceleration", "lcm", "recorded"],
+        Literal["braking", "constant_speed", "constant_acceleration", "lcm", "recorded"],
         Field(
-            description="leaders as the AV predicts them: at constant speed; with the acceleration measured, for "
-            "2 s; by the LCM on a free road (Table 3 means); as recorded: perfect foresight"
+            description="leaders as the AV predicts them: at constant speed, after 1 s more of the braking of the "
+            "last second; at constant speed at once; with the acceleration measured, for 2 s; by the LCM on a "
+            "free road (Table 3 means); as recorded: perfect foresight"
         ),
-    ] = "constant_speed"
+    ] = "braking"
     followers: Annotated[
         str, Field(description="follower model by which the AV predicts them; empty = the one that plans")
     ] = ""

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from made_drives import SETTINGS, changed, scene_of
 
-from highd_lc.driving.knowledge import PERSISTS, known_scene, leader_at
+from highd_lc.driving.knowledge import BRAKES_ON, PERSISTS, known_scene, leader_at
 from highd_lc.planning.scene import NextLeader, pack
 
-HOW = ("constant_speed", "constant_acceleration", "lcm")
+HOW = ("braking", "constant_speed", "constant_acceleration", "lcm")
 SCENE = scene_of(1)
 PACKED = pack(SCENE, SETTINGS)
 
@@ -64,3 +64,24 @@ def test_a_leader_that_left_leads_no_more_and_the_next_one_does():
     assert np.isfinite(alone.target_front[:12]).all()
     behind = known_scene(scene, packed, 30, "constant_speed")
     np.testing.assert_allclose(np.diff(behind.target_front[30:]), 0.1 * SCENE.origin_leader.v[30])
+
+
+def test_who_has_been_braking_goes_on_for_a_second_and_who_gets_faster_does_not():
+    t = 0.1 * np.arange(151)
+    for acceleration, k in ((-2.0, 30), (-2.0, 4), (1.5, 30)):
+        still = replace(SCENE.target_leader, v=np.full(151, 25.0), x=25.0 * t, a=np.zeros(151))
+        scene = replace(SCENE, target_leader=changed(still, k - 4, acceleration), next_leaders=())
+        known = known_scene(scene, pack(scene, SETTINGS), k, "braking")
+        # Over the last second, or since t_start.
+        mean = min(0.4 * acceleration / min(1.0, 0.1 * k), 0.0)
+        v = 25.0 + 0.4 * acceleration + mean * np.minimum(t[: 151 - k], BRAKES_ON)
+        np.testing.assert_allclose(known.target_v[k:], v, atol=1e-9)
+        np.testing.assert_allclose(np.diff(known.target_front[k:]), 0.1 * v[1:], atol=1e-9)
+
+
+def test_at_the_start_nothing_but_the_measured_acceleration_is_known():
+    for a in (-1.5, 2.0):
+        scene = replace(SCENE, target_leader=replace(SCENE.target_leader, a=np.full(151, a)), next_leaders=())
+        known = known_scene(scene, pack(scene, SETTINGS), 0, "braking")
+        v = scene.target_leader.v[0] + min(a, 0.0) * np.minimum(0.1 * np.arange(151), BRAKES_ON)
+        np.testing.assert_allclose(known.target_v, v)

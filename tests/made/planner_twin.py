@@ -3,7 +3,7 @@
 ``evaluate`` has the signature of ``candidates.evaluate``: the tests compare results, the benchmark times.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -61,8 +61,8 @@ def evaluate(
     x, vx, y, vy, av_T, av_H = _av(n, delta, change, scene, terms)
     front = x + scene.length / 2
     hv_T, hv_H, followers, first_v = _followers(n, front, vx, scene, terms)
-    first_front = followers[0] + scene.follower_length[0] / 2
-    unsafe = unsafe_codes(n, (front, vx), (first_front, first_v), scene)
+    fronts = [x + length / 2 for x, length in zip(followers, scene.follower_length, strict=True)]
+    unsafe = unsafe_codes(n, (front, vx), fronts, first_v, scene)
     firsts = _contacts(n, (x, vx, y, vy), followers, scene)
     if scene.asks_all:
         firsts |= _through(n, front, followers, scene)
@@ -76,19 +76,21 @@ def evaluate(
 def unsafe(
     n: IntArray, delta: FloatArray, change: FloatArray, scene: PackedScene, terms: LossTerms
 ) -> NDArray[np.int64]:
-    """``evaluate``'s column of that name alone, which asks for the first follower only."""
+    """``evaluate``'s column of that name alone."""
     shape = delta.shape
     n = np.repeat(n, shape[1])
     x, vx, *_ = _av(n, delta.ravel(), change.ravel(), scene, terms)
     front = x + scene.length / 2
-    first_front, first_v, _ = next(_chain(n, front, vx, scene))
-    return unsafe_codes(n, (front, vx), (first_front, first_v), scene).reshape(shape)
+    fronts, speeds, _ = zip(*_chain(n, front, vx, scene), strict=True)
+    return unsafe_codes(n, (front, vx), fronts, speeds[0], scene).reshape(shape)
 
 
-def unsafe_codes(n: IntArray, av: tuple, follower: tuple, scene: PackedScene) -> IntArray:
+def unsafe_codes(
+    n: IntArray, av: tuple, fronts: Sequence[FloatArray], first_v: FloatArray, scene: PackedScene
+) -> IntArray:
     """1 + index in ``limits.SAFETY`` of the first constraint that each candidate breaks, 0 for none.
 
-    av, follower: fronts and speeds, shape (candidates, samples).
+    av: front and speed, fronts: of the followers, first_v: the first one's speed, each (candidates, samples).
     """
     asked = scene.safety
     if not asked.asked:
@@ -103,7 +105,7 @@ def unsafe_codes(n: IntArray, av: tuple, follower: tuple, scene: PackedScene) ->
         return np.ones(len(n), np.int64)
     pairs = (
         (2, scene.target_front - scene.target_length - front, vx, np.broadcast_to(scene.target_v, vx.shape)),
-        (5, front - scene.length - follower[0], follower[1], vx),
+        (5, front - scene.length - fronts[0], first_v, vx),
     )
     for of_gap, gap, v, v_leader in pairs:
         short = (gap < asked.time_gap * v) & counts
@@ -114,6 +116,10 @@ def unsafe_codes(n: IntArray, av: tuple, follower: tuple, scene: PackedScene) ->
         if of_gap == 2:
             fast = ((vx > asked.v_max) & (np.arange(front.shape[1]) > n[:, None])).any(axis=1)
             code = np.where((code == 0) & fast, 4, code)
+    for i in range(1, len(fronts)):
+        gap = fronts[i - 1] - scene.follower_length[i - 1] - fronts[i]
+        near = (gap < asked.clearance).any(axis=1) & scene.asks_all
+        code = np.where((code == 0) & near, 7, code)
     return code
 
 

@@ -101,6 +101,20 @@ def reacting(
     return replace(scene, followers=replace(scene.followers, family=family, moment=share, **drawn))
 
 
+def pushed(scene: Scene, gap: float, *, blind: bool = False) -> Scene:
+    """The scene with its second follower ``gap`` [m] behind the first, where it would rather be nearer.
+
+    blind: it is 4 m/s faster and drives through the first, whatever the ego does.
+    """
+    followers = scene.followers
+    x, v, parameters = followers.x.copy(), followers.v.copy(), followers.parameters.copy()
+    x[1], v[1] = x[0] - followers.length[0] - gap, v[0] + (4.0 if blind else 0.0)
+    x[2:] -= 40.0
+    near = followers.length[0] + gap / 3.0
+    parameters[1] = [50.0, 2.0, 10.0, 2.0, 0.1, 2.0] if blind else [60.0, 3.0, 4.0, 4.0, 0.02, near]
+    return replace(scene, followers=replace(followers, x=x, v=v, parameters=parameters))
+
+
 def _human(v0: float) -> Human:
     zero = np.zeros(56)
     return Human(zero, zero, zero + v0, zero, zero, zero, zero, zero, 27, 0.0)

@@ -1,12 +1,13 @@
 """Safety profiles: each constraint against plain numpy, old plans under ``paper``, margins of the plans kept."""
 
 import json
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 import planner_twin
 import pytest
-from random_scenes import random_scene, reacting, task_of
+from random_scenes import pushed, random_scene, reacting, task_of
 
 from highd_lc.core import safety as formulas
 from highd_lc.core.quintic import Quintic, sample
@@ -14,8 +15,9 @@ from highd_lc.planning import limits, planner
 from highd_lc.planning.candidates import evaluate
 from highd_lc.planning.pool import OVERTAKES
 from highd_lc.planning.replay import plan_motion, replay
-from highd_lc.planning.safety import DURATION, kept
-from highd_lc.planning.start_planner import plan_starts
+from highd_lc.planning.safety import DURATION, behind_the_av, kept
+from highd_lc.planning.start_planner import plan_starts, replay_start
+from highd_lc.planning.starts import pose_starts
 from highd_lc.vocab import names
 from highd_lc.vocab.settings import ValidateSettings
 
@@ -48,7 +50,56 @@ def test_every_constraint_is_that_of_the_twin_on_a_thousand_scenes():
         wanted = planner_twin.unsafe(DURATIONS, delta, change, task.scene, task.terms)
         np.testing.assert_array_equal(found.unsafe, wanted, err_msg=str(seed))
         met |= set(np.unique(found.unsafe).tolist())
-    assert met >= {0, 1, 2, 3, 5, 6}, "every constraint of a pair is broken somewhere"
+    assert met >= {0, 1, 2, 3, 5, 6}, "every constraint of the AV's pairs is broken somewhere"
+
+
+@pytest.mark.parametrize("seed", [1, 2, 4, 8, 13, 16, 28, 37])
+def test_the_gap_between_followers_is_that_of_the_twin(seed):
+    rng, T = np.random.default_rng(seed), DURATIONS[:, None] * 0.1
+    change = rng.uniform(-3, 3, (3, 8))
+    delta = change * T / 2 + rng.uniform(-0.25, 0.25, change.shape) * T**2
+    for contacts, safety, met in (("all", {}, True), ("all", {"clearance_m": 0.0}, True), ("av", {}, False)):
+        settings = {"safety": {"braking": 0.0} | safety, "constraints": {"contacts": contacts}}
+        task = task_of(pushed(scene_of(seed), 1.0), ValidateSettings.model_validate(settings))
+        found = evaluate(DURATIONS, delta, change, task.scene, task.terms)
+        wanted = planner_twin.unsafe(DURATIONS, delta, change, task.scene, task.terms)
+        np.testing.assert_array_equal(found.unsafe, wanted)
+        assert met or 7 not in found.unsafe
+
+
+def test_somebody_breaks_the_gap_between_followers():
+    codes = set()
+    for seed in (1, 8, 29, 37):
+        task = task_of(pushed(scene_of(seed), 1.0), with_safety(braking=0.0))
+        zero = np.zeros((3, 1))
+        codes |= set(evaluate(DURATIONS, zero, zero, task.scene, task.terms).unsafe.ravel().tolist())
+    assert 7 in codes
+    assert limits.SAFETY[7 - 1] == limits.FOLLOWER_GAP
+
+
+@pytest.mark.parametrize("clearance", [0.0, 0.3])
+def test_a_plan_for_followers_who_come_near_keeps_their_margin(clearance):
+    """The best plan lies on the margin, for HV_2 pushes: what it promises is measured on its own replay."""
+    problem = planner.pose(pushed(scene_of(22), 2.5), with_safety(braking=0.0, clearance_m=clearance))
+    plan = planner.plan_one(problem, names.BENCHMARK, names.EQUAL)
+    first, second = plan.replay.x[:2]
+    gap = first - second - problem.scene.followers.length[:2].mean()
+    assert plan.margins["follower_gap"] == pytest.approx(gap.min() - clearance, abs=1e-12)
+    assert plan.moments["follower_gap"] == pytest.approx(0.1 * np.argmin(gap))
+    assert 0.0 <= plan.margins["follower_gap"] < 1e-3
+
+
+def test_followers_ahead_of_the_gap_are_no_matter_of_the_plan():
+    posed = pose_starts(planner.pose(scene_of(2), PRACTICE))
+    seen = set()
+    for number, gap in enumerate(posed.gaps):
+        played = replay_start(posed, (number, 5), posed.task((number, 5)).quintic(50, 0.0, 0.0))
+        behind = [(pair.leader, pair.follower) for pair in behind_the_av(played, posed.problem.packed)]
+        lane = [names.TARGET_LEADER, *(names.target_follower(i) for i in (1, 2, 3))]
+        ahead = 0 if gap.name == names.GAP_AHEAD else gap.passed + 1
+        assert behind == list(pairwise(lane[ahead:])), gap.name
+        seen.add(gap.name)
+    assert len(seen) == 4
 
 
 def test_a_low_limit_of_speed_holds_after_T_too():

@@ -452,7 +452,8 @@ def separation(
 def safety_slack(event: Event, plan: pd.Series) -> dict[str, float]:
     """By how much a plan that starts at once keeps each constraint of the default safety profile."""
     av, n = drive(event, plan), round(plan["T"] / DT)
-    first, leader = behind(event, av)[0], event.leader
+    chain, leader = behind(event, av), event.leader
+    first = chain[0]
     length, car = event.ego.length, event.followers[0]
     gap = av.x - first["x"] - (length + car.length) / 2
     closing = max(first["v"][0] - av.vx[0], 0.0)
@@ -466,6 +467,9 @@ def safety_slack(event: Event, plan: pd.Series) -> dict[str, float]:
         used = slice(n // 2, None)
         slack[f"time gap {name}"] = np.nanmin((apart - 0.5 * v)[used])
         slack[f"drac {name}"] = np.nanmin((2 * 3.35 * apart - np.maximum(v - v_leader, 0.0) ** 2)[used])
+    for i, (one, other) in enumerate(pairwise(zip(chain, event.followers, strict=True)), start=2):
+        apart = one[0]["x"] - other[0]["x"] - (one[1].length + other[1].length) / 2
+        slack[f"gap of follower {i}"] = apart.min() - 0.3
     return slack
 
 

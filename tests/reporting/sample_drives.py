@@ -20,6 +20,7 @@ def row(event: str, policy: str, causes: tuple[str, ...] = (), **changes: Any) -
     }
     base |= {"followers": "population", "world": "population", "leaders": "constant_speed", "aborted": False}
     base |= {"status": names.CHANGED, "contacts": len(causes), "contact_cause": list(causes), "regret": 0.25}
+    base["contact_reason"] = [names.BY_RECORDING if policy == names.HUMAN else names.BY_LEADERS] * len(causes)
     return base | changes
 
 

@@ -83,6 +83,10 @@ def studies(**changes: object) -> StudyTables:
              "share_violating": 0.25, "share_touching": 0.125, "share_touching_planned": 0.0}
             for c in ("kinematic", "multi_body") for p in (names.HUMAN, *names.FIXED_POLICIES)
         ],
+        "tracking_contacts": [
+            {"followers": "own_fit", "plant": "kinematic", "contact": "target_follower_1_through_ego",
+             "cause": names.BY_TRACKING, "n_events": 1, "n_plans": 8, "n_references": 2},
+        ],
         "worse_for_somebody": [
             {"event_id": f"01-{k:04d}-00100", "recording_id": 1, "form": names.FIXED, "accounting": names.EQUAL,
              "who": names.target_follower(1 + k % 3), "loss_benchmark": 10.0, "loss_local": 10.0 + 0.1 * k,

@@ -17,6 +17,8 @@ def test_every_cause_has_its_row():
     page = closed_loop_page(DRIVES)
     assert "HV 1 drives through AV" in page
     assert "touches that of target leader" in page
+    assert "leaders do otherwise than predicted" in page
+    assert "as recorded" in page
     assert "turned back" in page
     assert "0.250" in page
 

@@ -1,6 +1,8 @@
 import base64
 import json
+import re
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -9,6 +11,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from sample_event import sample_event
 
+from highd_lc.planning.pareto import BLOCKERS
 from highd_lc.reporting import payload
 from highd_lc.reporting.event import Ground
 from highd_lc.vocab import names
@@ -121,3 +124,10 @@ def test_a_picture_of_the_road_is_on_pages_alone_that_are_not_shared():
     ground = payload.event_payload(report, raw=True)["ground"]
     assert ground["href"] == f"data:image/jpeg;base64,{base64.b64encode(b'jpeg').decode()}"
     assert (ground["x"], ground["y"]) == ([-100.0, 300.0], [-6.0, 10.0])
+
+
+def test_the_page_has_a_colour_for_everything_that_may_stand_in_a_plans_way():
+    script = (Path(payload.__file__).parent / "assets" / "surface.js").read_text()
+    colours = json.loads(re.search(r"const BLOCKED = (\[.*?\]);", script, re.DOTALL).group(1))
+    assert len(colours) == len(BLOCKERS)
+    assert len({tuple(colour) for colour in colours[1:]}) == len(BLOCKERS) - 1

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from made_drives import OPEN, case_of, drive, scene_of
 
-from highd_lc.driving.world import recorded_drive
+from highd_lc.driving.recorded import recorded_drive
 from highd_lc.io import artefacts
 from highd_lc.planning.planner import pose
 from highd_lc.stages.closed_loop import DRIVES, MOTIONS, REPLANS, drive_row, human_row, loop_plays, replan_row
@@ -27,7 +27,9 @@ def test_every_sampled_event_has_a_row_of_every_policy_and_of_the_human(run):
     policies = {*names.REPLANNED_POLICIES, names.HUMAN}
     assert run.closed_loop.groupby("event_id")["policy"].agg(set).tolist() == [policies] * 2
     assert set(run.closed_loop.loc[run.closed_loop["policy"] != names.HUMAN, "seen_s"]) == {15.0}
-    assert (run.closed_loop["contacts"] == run.closed_loop["contact_cause"].map(len)).all()
+    for column in ("contact_cause", "contact_reason"):
+        assert (run.closed_loop["contacts"] == run.closed_loop[column].map(len)).all()
+    assert set(run.closed_loop["contact_reason"].explode().dropna()) <= set(names.LOOP_CAUSES)
 
 
 def test_decisions_are_those_that_the_drives_count(run):
@@ -107,14 +109,33 @@ def test_a_contact_leaves_neither_losses_nor_regret():
 
 
 def test_the_human_is_judged_by_what_was_recorded():
-    scene = scene_of(1)
+    scene = replace(scene_of(1), origin_follower=None)
     problem = pose(scene, ValidateSettings())
     replay, last = recorded_drive(problem)
     assert last == min(m.observed - 1 for m in scene.followers.recorded) or last == len(scene.human.x) - 1
     np.testing.assert_array_equal(replay.x[0], scene.followers.recorded[0].x)
     assert human_row(problem)["seen_s"] == pytest.approx(0.1 * last)
-    # A follower that was recorded inside the human.
-    into = replace(scene.followers.recorded[0], x=scene.followers.recorded[0].x + 1e3)
-    inside = replace(scene.followers, recorded=(into, *scene.followers.recorded[1:]))
-    met = human_row(pose(replace(scene, followers=inside), ValidateSettings()))["contact_cause"]
-    assert names.through(names.target_follower(1), names.EGO) in met
+    assert human_row(problem)["contact_cause"] == []
+
+
+def recorded_beside_the_human(*, ahead, across):
+    """What is said of a human whose first follower was recorded so far from his own box [m]."""
+    scene = replace(scene_of(1), origin_follower=None)
+    first, human = scene.followers.recorded[0], scene.human
+    x, y = first.x.copy(), first.y.copy()
+    n = min(len(human.x), len(x))
+    x[:n], y[:n] = human.x[:n] + ahead, human.y[:n] + across
+    inside = replace(scene.followers, recorded=(replace(first, x=x, y=y), *scene.followers.recorded[1:]))
+    return human_row(pose(replace(scene, followers=inside), ValidateSettings()))
+
+
+def test_a_recorded_contact_is_one_of_boxes_where_they_were_across():
+    into = names.through(names.target_follower(1), names.EGO)
+    assert into in recorded_beside_the_human(ahead=-2.0, across=0.5)["contact_cause"]
+    inside = recorded_beside_the_human(ahead=0.0, across=0.0)
+    assert inside["contact_cause"] == [into, f"clearance_{names.target_follower(1)}"]
+    assert inside["contact_reason"] == [names.BY_RECORDING] * 2
+    # Who passes on another lane drives through nobody, and touches nobody's ellipse.
+    away = -4.5 * np.sign(scene_of(1).lateral_shift)
+    for ahead in (-2.0, 0.0, 40.0):
+        assert recorded_beside_the_human(ahead=ahead, across=away)["contact_cause"] == []

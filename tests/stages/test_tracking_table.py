@@ -4,7 +4,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from highd_lc.stages.validate_samples import tracking_summary
+from highd_lc.stages.validate_samples import tracking_contacts, tracking_summary
 from highd_lc.vocab import names
 from highd_lc.vocab.tables import TABLES
 
@@ -12,7 +12,8 @@ from highd_lc.vocab.tables import TABLES
 def row(k, **changes):
     made = {
         "event_id": f"01-{k:04d}-00100", "recording_id": 1, "policy": names.BENCHMARK, "plant": "kinematic",
-        "status": "tracked", "contact": "", "rmse_lateral_m": 0.001 * k, "max_lateral_m": 0.01 * k,
+        "status": "tracked", "followers": "population", "contact": "", "contact_cause": "",
+        "rmse_lateral_m": 0.001 * k, "max_lateral_m": 0.01 * k,
         "rmse_longitudinal_m": 0.01,
         "rmse_heading_rad": 0.001, "max_slack": 0.0, "qp_failures": 0, "loss_av_tracked": 10.0 + k,
         "loss_av_planned": 10.0, "loss_hv_tracked": 8.0, "loss_hv_planned": 8.0 + k,
@@ -34,7 +35,7 @@ def summary():
             violations=["clearance_target_leader"],
             min_clearance_tracked_m=-0.1,
         ),
-        row(4, **dict.fromkeys(list(row(0))[6:-1], np.nan), status="infeasible", violations=None),
+        row(4, **dict.fromkeys(list(row(0))[8:-1], np.nan), status="infeasible", violations=None),
         row(9, plant="multi_body", min_clearance_planned_m=-0.2),
     ]
     tracking = pd.DataFrame(rows).astype({"qp_failures": "Int64"})
@@ -61,7 +62,7 @@ def test_figures_are_those_of_the_driven_plans(summary):
 
 
 def test_nothing_driven_is_missing_and_not_zero():
-    none = row(1, **dict.fromkeys(list(row(0))[6:-1], np.nan), status="infeasible", violations=None)
+    none = row(1, **dict.fromkeys(list(row(0))[8:-1], np.nan), status="infeasible", violations=None)
     found = tracking_summary(pd.DataFrame([none]).astype({"qp_failures": "Int64"})).iloc[0]
     assert (found["n_driven"], found["not_driven"]) == (0, 1)
     for name in ("rmse_lateral_median_m", "max_lateral_m", "loss_av_tracked", "share_violating", "share_touching"):
@@ -72,3 +73,25 @@ def test_nothing_driven_is_missing_and_not_zero():
 def test_no_rows_make_an_empty_table():
     empty = pd.DataFrame([row(1)]).iloc[:0]
     assert tracking_summary(empty).empty
+
+
+def test_contacts_are_counted_by_pair_and_cause():
+    """Plans that a search chose apart from references, whose contacts nothing rejects."""
+    through = {"contact": "target_follower_2_through_target_follower_1"}
+    rows = [
+        row(1),
+        row(1, **through, contact_cause=names.BY_TRACKING),
+        row(1, **through, contact_cause=names.BY_TRACKING, policy=names.LOCAL_OPTIMUM),
+        row(2, **through, contact_cause=names.BY_TRACKING),
+        row(1, **through, contact_cause=names.BY_PLAN, policy=names.HUMAN),
+        row(1, **through, contact_cause=names.BY_FOLLOWER_MODEL, policy=names.CONSTANT, followers="own_fit"),
+    ]
+    found = tracking_contacts(pd.DataFrame(rows)).set_index(["followers", "cause"])
+    assert list(found.columns) == ["plant", "contact", "n_events", "n_plans", "n_references"]
+    counts = {key: tuple(one[["n_events", "n_plans", "n_references"]]) for key, one in found.iterrows()}
+    assert counts == {
+        ("own_fit", names.BY_FOLLOWER_MODEL): (1, 0, 1),
+        ("population", names.BY_PLAN): (1, 0, 1),
+        ("population", names.BY_TRACKING): (2, 3, 0),
+    }
+    assert tracking_contacts(pd.DataFrame(rows[:1])).empty

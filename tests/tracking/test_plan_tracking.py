@@ -4,10 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from random_scenes import random_scene
+from random_scenes import pushed, random_scene
 
 from highd_lc.core.ellipse import ellipse_clearance
-from highd_lc.planning.planner import Plan, plan_all, pose
+from highd_lc.planning.planner import Plan, contact_of, plan_all, plan_one, pose, reference_plans
 from highd_lc.planning.start_planner import plan_starts
 from highd_lc.tracking.closed_loop import track
 from highd_lc.tracking.multibody import track_multibody
@@ -109,6 +109,44 @@ def test_a_lost_clearance_is_a_violation_by_its_role():
     touched = replace(driven, replay=replace(driven.replay, clearance_to_T=closer))
     assert f"clearance_{names.TARGET_LEADER}" in TRACKER.violations(touched)
     assert not [name for name in TRACKER.violations(driven) if name.startswith("clearance_")]
+
+
+THROUGH = names.through(names.target_follower(2), names.target_follower(1))
+
+
+@pytest.mark.parametrize("plant", [KINEMATIC, MULTI_BODY])
+def test_a_plan_for_followers_who_come_near_is_driven_without_a_contact(plant):
+    """The plan lies on their margin, and the car beside it moves them: by less."""
+    settings = ValidateSettings(safety=SafetySettings(braking=0.0))
+    problem = pose(pushed(random_scene(np.random.default_rng(22), p=2, crowding=0.5), 2.5), settings)
+    plan = plan_one(problem, names.BENCHMARK, names.EQUAL)
+    tracker = PlanTracker(problem)
+    driven = tracker.drive(plan, plant)
+    planned, found = (
+        (played.x[0] - played.x[1] - problem.scene.followers.length[:2].mean()).min()
+        for played in (plan.replay, driven.replay)
+    )
+    assert planned == pytest.approx(settings.safety.clearance_m, abs=1e-3)
+    assert 1e-4 < abs(found - planned) < settings.safety.clearance_m
+    assert contact_of(problem, plan.policy, driven.replay, plan.accounting) == ""
+
+
+def test_each_contact_of_a_drive_has_its_cause():
+    problem = pose(pushed(random_scene(np.random.default_rng(3)), 3.0, blind=True), SETTINGS)
+    constant = next(p for p in reference_plans(problem, names.CONSTANT) if p.accounting == names.EQUAL)
+    blind = PlanTracker(problem)
+    assert blind.cause(constant, THROUGH) == names.BY_FOLLOWER_MODEL
+    assert blind.cause(constant, names.through(names.EGO, names.TARGET_LEADER)) == names.BY_TRACKING
+    assert blind.cause(constant, "") == ""
+    # Who drives into the AV would not, were it not there.
+    followers = PROBLEM.scene.followers
+    x, v = followers.x.copy(), followers.v.copy()
+    x[0], v[0] = x[0] / 2.0, v[0] + 30.0
+    fast = replace(followers, x=x, v=v)
+    problem = pose(replace(PROBLEM.scene, followers=fast), SETTINGS)
+    constant = next(p for p in reference_plans(problem, names.CONSTANT) if p.accounting == names.EQUAL)
+    into = names.through(names.target_follower(1), names.EGO)
+    assert PlanTracker(problem).cause(constant, into) == names.BY_PLAN
 
 
 def test_without_a_plan_nothing_is_driven():

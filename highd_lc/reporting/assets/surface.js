@@ -11,7 +11,7 @@ function cividis(share) {
 
 /* Limits of motion, contact, then the constraints of the safety profile, in the order of the payload. */
 const BLOCKED = [null, [150, 150, 150], [90, 90, 90], [176, 88, 141], [0, 114, 178], [86, 180, 233], [170, 120, 60],
-  [213, 94, 0], [230, 159, 0]];
+  [213, 94, 0], [230, 159, 0], [190, 20, 60]];
 
 function levels(packed) {
   const whole = new Uint16Array(bytes(packed.data).buffer);

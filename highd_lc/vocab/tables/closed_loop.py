@@ -30,6 +30,13 @@ CLOSED_LOOP = Table(
         word("reason", "constraint that forbade a plan, where the lane change was given up or never begun"),
         count("contacts", "other vehicles touched, by box in a lane or by ellipse, up to seen_s"),
         Column("contact_cause", "list<string>", "who drives through whom; clearance_<role>: touched ellipse"),
+        Column(
+            "contact_reason",
+            "list<string>",
+            "of each of them: start: too near at t_start already; leaders, followers: they do otherwise than "
+            "predicted; follower_model: where nobody changes lane too; foreseen: who knows all that comes has it "
+            "too; recorded",
+        ),
         Column("aborted", "bool", "whether the AV turned back to the lane that it came from"),
         count("replans", "decisions, the first plan included"),
         count("new_plans", "decisions for another plan than the one driven, the first one included"),

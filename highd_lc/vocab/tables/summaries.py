@@ -267,6 +267,12 @@ TRACKING = Table(
         word("plant", "kinematic bicycle or multi-body car", ("kinematic", "multi_body")),
         word("status", "tracked, or why not"),
         word("contact", "who drives through whom around the tracked motion, 0..H; empty = nobody"),
+        word(
+            "contact_cause",
+            "tracking: the plan has none; follower_model: without a lane change too; plan: of a reference, which "
+            "nothing rejects; empty = no contact",
+            ("", *names.TRACKING_CAUSES),
+        ),
         number("rmse_lateral_m", "lateral tracking error", "m", minimum=0),
         number("max_lateral_m", "largest lateral tracking error", "m", minimum=0),
         number("rmse_longitudinal_m", "longitudinal tracking error", "m", minimum=0),
@@ -337,5 +343,20 @@ TRACKING_SUMMARY = Table(
         ),
         number("share_touching", "share of them whose tracked ellipse touches another", minimum=0, maximum=1),
         number("share_touching_planned", "the same of the planned motion, at its samples", minimum=0, maximum=1),
+    ),
+)
+
+TRACKING_CONTACTS = Table(
+    "tracking_contacts",
+    "follower model, plant, pair and cause of the contacts of tracked drives (equations.md 5.3)",
+    ("followers", "plant", "contact", "cause"),
+    (
+        word("followers", "follower model that planned and scored"),
+        word("plant", "kinematic bicycle or multi-body car", PLANTS),
+        word("contact", "who drives through whom, over 0..H"),
+        word("cause", "of tracking.contact_cause", names.TRACKING_CAUSES),
+        count("n_events", "events with it"),
+        count("n_plans", "drives with it, of plans that a search chose"),
+        count("n_references", "drives with it, of references: human, constant"),
     ),
 )
