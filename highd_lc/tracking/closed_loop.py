@@ -246,7 +246,7 @@ def drive_mpc(
     for c in range(3):
         log.states[0, c] = rows[0, c] + offset[c]
     span = (np.int64(0), log.inputs.shape[0])  # a literal 0 would be another kind, with a machine code of its own
-    drive_span(span, held, rows, wheelbases, noise, p, memory, log)
+    drive_span(span, held, rows, wheelbases, noise, p, memory, log)  # type: ignore[arg-type]
 
 
 @njit(cache=True, nogil=True)
