@@ -71,7 +71,7 @@ def _with_events(found: pd.DataFrame, events: pd.DataFrame) -> pd.DataFrame:
 def list_text(found: pd.DataFrame) -> str:
     """The lane changes of ``list_events`` as lines of text, a dash where something is missing."""
     counts = found.select_dtypes("Int64")  # pandas writes their missing values as <NA> whatever it is told
-    shown = found.assign(**{c: counts[c].astype(object).where(counts[c].notna(), "-") for c in counts})
+    shown = found.assign(**{str(c): counts[c].astype(object).where(counts[c].notna(), "-") for c in counts})
     return shown.to_string(index=False, na_rep="-") if len(shown) else "none"
 
 
