@@ -9,7 +9,7 @@ FROM python:3.12-slim
 RUN apt-get update \
  && apt-get install --yes --no-install-recommends make \
  && rm -rf /var/lib/apt/lists/* \
- && useradd --create-home analyst
+ && useradd --create-home --uid 1000 analyst
 
 USER analyst
 # Made here, since not every builder gives a WORKDIR to the user.
