@@ -34,7 +34,7 @@ def _add_list(app: typer.Typer) -> None:
         csv: Annotated[bool, typer.Option("--csv", help="print the list as CSV and nothing else")] = False,
     ) -> None:
         """List the lane changes of a work folder, usable ones unless --reason is given."""
-        from highd_lc.io.event_description import list_events, records
+        from highd_lc.io.event_description import list_events, list_text, records
 
         if json_ and csv:
             raise UsageError("--json and --csv: one of them, not both")
@@ -44,8 +44,7 @@ def _add_list(app: typer.Typer) -> None:
         if json_:
             print_json(records(found))
             return
-        text = found.to_csv(index=False) if csv else found.to_string(index=False, na_rep="-")
-        console.print(text.rstrip("\n") if len(found) or csv else "none", **PLAIN)
+        console.print(found.to_csv(index=False).rstrip("\n") if csv else list_text(found), **PLAIN)
 
 
 def _add_show(app: typer.Typer) -> None:
@@ -82,7 +81,7 @@ def _add_export(app: typer.Typer) -> None:
         from highd_lc.io.exports import export
 
         if raw:
-            errors.print("warning: what is exported is data: of HighD it may not be shared (its licence)")
+            errors.print("warning: files with recorded motion of HighD may not be shared (its licence)")
         for event_id in event_ids:
             for path in export(work, event_id, to, policy=policy, out=out, raw=raw):
                 console.print(str(path), **PLAIN)

@@ -24,7 +24,7 @@ def page(options: Options) -> Path:
 
 def print_results(outcome: Outcome, options: Options, model: str) -> None:
     """Print what the last stage of a run found. model: the follower model that plans."""
-    stage = list(outcome.counts)[-1]
+    stage = _last(outcome)
     _print_confirmed(outcome)
     if stage == "calibrate":
         _print_fits(options.work)
@@ -32,6 +32,11 @@ def print_results(outcome: Outcome, options: Options, model: str) -> None:
         _print_gains(options.work, model)
     if stage == "report":
         console.print(f"report: {page(options)}", soft_wrap=True)
+
+
+def _last(outcome: Outcome) -> str:
+    """The stage that a run ended with; the multiverse belongs to validate."""
+    return [stage for stage in outcome.counts if stage != "multiverse"][-1]
 
 
 def _print_confirmed(outcome: Outcome) -> None:
@@ -74,7 +79,7 @@ def results(outcome: Outcome, options: Options) -> dict[str, Any]:
     from highd_lc.io import artefacts
     from highd_lc.io.event_description import records
 
-    stage = list(outcome.counts)[-1]
+    stage = _last(outcome)
     told = [{"recording": p.recording, "stage": p.stage, "warning": p.warning} for p in outcome.problems]
     problems = [about | {"message": p.message} for about, p in zip(told, outcome.problems, strict=True)]
     tables = {name: records(artefacts.read(options.work, name)) for name in _TABLES_OF.get(stage, ())}

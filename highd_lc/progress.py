@@ -65,7 +65,8 @@ class _Lines:
     def begin(self, total: int) -> None:
         finished = total - self._pending
         kept = f", {finished} up to date" if self._pending and finished else ""
-        self._say(f"{_recordings(self._pending)} to do{kept}" if self._pending else "up to date")
+        idle = "up to date" if total else "no recording that can be read"
+        self._say(f"{_recordings(self._pending)} to do{kept}" if self._pending else idle)
         self._clock.start()
 
     def advance(self) -> None:

@@ -122,6 +122,10 @@ class Stage:
         models = (*settings.calibrate.models, *settings.validation.follower_models)
         return [text for name in dict.fromkeys(models) if (text := source_of(parse(name).base))]
 
+    def files_beside(self, settings: Settings, files: Iterable[Path]) -> list[Path]:
+        """What its work on a recording reads beside the files that the recording is read from. files: those."""
+        return []
+
     def neighbours(self, options: Options) -> list[str]:
         """What only the combination depends on, and no stage of a run makes."""
         return []
@@ -156,6 +160,14 @@ class _Pages(Stage):
         place = workspace.relative(options.reports, options.work)
         sections = super().depends_on(settings, options, request)
         return [*sections, place, pictures, *options.events, *options.vector]
+
+    def files_beside(self, settings: Settings, files: Iterable[Path]) -> list[Path]:
+        if not settings.report.raw:
+            return []
+        from highd_lc.io.highd_image import picture_beside  # few runs draw the road
+
+        picture = picture_beside(files)
+        return [] if picture is None else [picture]
 
     def neighbours(self, options: Options) -> list[str]:
         found: list[str] = self.module.neighbours(options.reports)
@@ -331,7 +343,9 @@ class StageRun:
 
     def _key(self, recording: int) -> str:
         """What the stage's work on a recording depends on."""
-        return digest(self.keys[recording], self.name, workspace.code_version(), *self._dependencies)
+        beside = self.stage.files_beside(self.settings, self.inputs.files[recording])
+        known = (self.keys[recording], self.name, workspace.code_version(), *self._dependencies)
+        return digest(*known, *map(self.inputs.hashes.of, beside))
 
     @cached_property
     def _dependencies(self) -> list[Dependency]:

@@ -32,6 +32,10 @@ def test_what_is_up_to_date_is_one_line():
     assert len(told(3, 0, lambda shown: shown.combine())) == 2
 
 
+def test_nothing_to_read_is_not_said_to_be_up_to_date():
+    assert told(0, 0, lambda shown: None) == ["extract: no recording that can be read"]
+
+
 def test_a_long_stage_is_told_of_while_it_lasts(monkeypatch):
     monkeypatch.setattr(progress, "EVERY_S", 0.01)
 

@@ -8,12 +8,20 @@ from pathlib import Path
 import pytest
 
 from highd_lc.io.settings import digest
-from highd_lc.stage_run import STAGES
+from highd_lc.io.workspace import InputHashes, Inputs
+from highd_lc.stage_run import STAGES, StageRun, _Pages
 from highd_lc.vocab.job import Options
 from highd_lc.vocab.settings import Settings
 
 CHOICES = Path(__file__).parents[1] / "pipelines" / "choices" / "multiverse.toml"
 OPTIONS = Options(Path("data"), Path("work"), Path("reports"))
+
+
+class _Undirected(_Pages):
+    """The stage of the pages without what is looked up in a work folder."""
+
+    def request(self, settings: Settings, options: Options) -> None:
+        return None
 
 
 def keys(options: Options = OPTIONS, **sections: object) -> dict[str, str]:
@@ -59,6 +67,32 @@ def test_what_is_read_from_the_tables_of_ingest_touches_extract_too() -> None:
 def test_options_of_the_report_touch_the_report_alone(options: Options) -> None:
     before, after = keys(), keys(options)
     assert {name for name in before if before[name] != after[name]} == {"report"}
+
+
+@pytest.mark.parametrize(("raw", "told"), [(True, True), (False, False)])
+def test_a_picture_of_the_road_touches_raw_pages_alone(tmp_path: Path, raw: bool, told: bool) -> None:
+    files = [tmp_path / "01_tracks.csv"]
+    settings = Settings.model_validate({"report": {"raw": raw}})
+    read = [stage.files_beside(settings, files) for stage in STAGES]
+    assert read == [[]] * len(STAGES)
+    (tmp_path / "01_highway.png").touch()
+    found = [path for stage in STAGES for path in stage.files_beside(settings, files)]
+    assert found == [tmp_path / "01_highway.png"] * told
+
+
+def test_what_is_read_beside_a_recording_is_in_its_key(tmp_path: Path) -> None:
+    tracks, picture = tmp_path / "01_tracks.csv", tmp_path / "01_highway.png"
+    settings = Settings.model_validate({"report": {"raw": True}})
+
+    def key() -> str:
+        inputs = Inputs(tmp_path, {1: (tracks,)}, {1: "key"}, (), InputHashes(tmp_path / "inputs.json", {}, True))
+        return StageRun(_Undirected("report", ("report",)), settings, OPTIONS, inputs, {1: "key"})._key(1)
+
+    without = key()
+    picture.write_bytes(b"one")
+    one = key()
+    picture.write_bytes(b"two")
+    assert len({without, one, key()}) == 3
 
 
 def test_stages_travel_to_other_processes() -> None:

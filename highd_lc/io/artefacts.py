@@ -320,7 +320,7 @@ def read_file(
             with opened(path) as source:
                 table = pq.read_table(source, columns=columns, filters=filters or None, partitioning=None)
     except FileNotFoundError as error:
-        raise ArtefactError(f"{path}: not found; run the stage that makes {name}") from error
+        raise ArtefactError(f"{path}: not found; `highd-lc run` makes it") from error
     except (pa.ArrowInvalid, OSError) as error:
         raise ArtefactError(f"{path}: cannot be read: {error}") from error
     check(TABLES[name], table)

@@ -68,6 +68,13 @@ def _with_events(found: pd.DataFrame, events: pd.DataFrame) -> pd.DataFrame:
     return found.merge(of_events, on="event_id", how="left")
 
 
+def list_text(found: pd.DataFrame) -> str:
+    """The lane changes of ``list_events`` as lines of text, a dash where something is missing."""
+    counts = found.select_dtypes("Int64")  # pandas writes their missing values as <NA> whatever it is told
+    shown = found.assign(**{str(c): counts[c].astype(object).where(counts[c].notna(), "-") for c in counts})
+    return shown.to_string(index=False, na_rep="-") if len(shown) else "none"
+
+
 def records(frame: pd.DataFrame) -> list[dict[str, Any]]:
     """A table as JSON has it: a row an object, what is missing is null."""
     rows: list[dict[str, Any]] = json.loads(frame.to_json(orient="records", double_precision=15))

@@ -137,7 +137,7 @@ def _default_model(work: Path) -> str:
     try:
         settings = Settings.model_validate_json(path.read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
-        raise ArtefactError(f"{path}: cannot be read; run the stage validate") from error
+        raise ArtefactError(f"{path}: cannot be read; `highd-lc validate` makes it") from error
     return settings.validation.follower_models[0]
 
 
@@ -145,7 +145,7 @@ def _motions(work: Path, event_id: str, recording: int, policy: str, *, model: s
     """Everybody's motion with all columns: of the policy those whom it moves, of the others the recorded ones."""
     path = artefacts.partition(work, "trajectories", recording)
     if not path.is_file():
-        raise ArtefactError(f"{path}: not found; run the stage validate")
+        raise ArtefactError(f"{path}: not found; `highd-lc validate` makes it")
     table = ds.dataset(path).to_table(filter=ds.field("event_id") == event_id)
     found: pd.DataFrame = table.to_pandas()
     if found.empty:

@@ -262,7 +262,7 @@ def read(work: Path, recording: int) -> TrackArrays:
         with artefacts.opened(path) as source:
             table = pq.read_table(source, columns=names, partitioning=None, use_threads=False)
     except FileNotFoundError as error:
-        raise ArtefactError(f"{path}: not found; run the stage ingest") from error
+        raise ArtefactError(f"{path}: not found; `highd-lc ingest` makes it") from error
     except (pa.ArrowInvalid, OSError) as error:
         raise ArtefactError(f"{path}: cannot be read: {error}") from error
     return TrackArrays(*(_to_numpy(table[name]) for name in names))

@@ -5,6 +5,7 @@ carriageway drives to the right, as all events do.
 """
 
 import io
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -38,6 +39,11 @@ def image_path(data: Path, recording: int) -> Path | None:
         files = input_files(data, recording)
     except InputError:
         return None
+    return picture_beside(files)
+
+
+def picture_beside(files: Iterable[Path]) -> Path | None:
+    """The picture that lies beside these files of a recording; None if there is none."""
     found = (path.with_name(f"{path.name.split('_')[0]}_highway.png") for path in files)
     return next((path for path in found if path.is_file()), None)
 

@@ -1,6 +1,7 @@
 """Figures of what the population is judged by beside the matrix: tables in, Figure out; gains in percent."""
 
 from collections.abc import Sequence
+from textwrap import fill
 from typing import Final
 
 import numpy as np
@@ -23,6 +24,8 @@ FloatArray = NDArray[np.float64]
 _ACCOUNTING_STYLES: Final = {names.EQUAL: "-", names.FOLLOWER_HORIZON: "--", names.PAPER: ":"}
 _COLOUR_MAP: Final = "PuOr"
 _FRONTS: Final = 6
+_TITLE_LETTERS: Final = 26
+"""How many letters fit above a panel of the cross scores."""
 _MODELS: Final = 6
 """Follower models drawn side by side: who planned, who plans too, the second opinions; tables hold all."""
 
@@ -41,7 +44,8 @@ def cross_figure(scores: pd.DataFrame) -> Figure:
         )
         table = table.reindex(index=list(names.ACCOUNTINGS), columns=list(names.ACCOUNTINGS))
         _heat(axes, 100.0 * table.to_numpy(float), largest)
-        axes.set_title(f"followers: {labels.scored_with(model)}", fontsize=SIZE, color=INK, loc="left")
+        title = fill(f"followers: {labels.scored_with(model)}", _TITLE_LETTERS)
+        axes.set_title(title, fontsize=SIZE, color=INK, loc="left")
         short = [labels.ACCOUNTING_NAMES[a].lower().replace(" ", "\n") for a in names.ACCOUNTINGS]
         axes.set_xticks(range(3), short)
         axes.set_yticks(range(3), short)

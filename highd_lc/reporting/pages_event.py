@@ -12,6 +12,7 @@ from markupsafe import Markup
 
 from highd_lc.reporting import event_rows, html, labels
 from highd_lc.reporting.event import EventReport, FloatArray, PredictionTrace, Row
+from highd_lc.reporting.follower_words import LOSS_COLUMNS
 from highd_lc.reporting.payload import event_payload
 from highd_lc.vocab import names
 from highd_lc.vocab.driver import PARAMETERS, UNITS
@@ -214,21 +215,28 @@ def _leader(event: Row) -> str:
 
 
 def model_error(report: EventReport) -> dict[str, Any] | None:
-    """Recorded against simulated followers of the human, beside what the local optimum changes."""
+    """Recorded against simulated followers of the human, beside the local optimum's effect over the same samples.
+
+    None where no follower is filmed behind the recorded ego. effect: None where either plan is missing.
+    """
     human = report.loss(names.HUMAN)
-    if human is None or not human["recorded_n_samples"]:
+    if human is None or any(html.is_missing(human[column]) for column in LOSS_COLUMNS):
         return None
-    if html.is_missing(human["loss_hv_recorded"]) or html.is_missing(human["loss_hv_simulated"]):
-        return None
-    local, benchmark = report.loss(names.LOCAL_OPTIMUM), report.loss(names.BENCHMARK)
-    effect = None if local is None or benchmark is None else local["loss_hv"] - benchmark["loss_hv"]
+    simulated, recorded = (human[column] for column in LOSS_COLUMNS)
+    local, benchmark = (_seen(report, policy) for policy in (names.LOCAL_OPTIMUM, names.BENCHMARK))
+    effect = local - benchmark
     return {
-        "n": human["recorded_n_samples"],
-        "recorded": human["loss_hv_recorded"],
-        "simulated": human["loss_hv_simulated"],
-        "difference": human["loss_hv_simulated"] - human["loss_hv_recorded"],
-        "effect": effect,
+        "recorded": recorded,
+        "simulated": simulated,
+        "difference": simulated - recorded,
+        "effect": None if html.is_missing(effect) else effect,
     }
+
+
+def _seen(report: EventReport, policy: str) -> float:
+    """Loss of a policy's followers over the samples in which they are filmed; NaN without a plan."""
+    row = report.loss(policy)
+    return float("nan") if row is None else float(row[LOSS_COLUMNS[0]])
 
 
 def prediction_rows(trace: PredictionTrace | None) -> list[tuple[str, float, float, float]]:

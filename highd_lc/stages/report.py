@@ -79,7 +79,8 @@ def known_events(work: Path, events: tuple[str, ...]) -> pd.DataFrame:
     known = artefacts.read(work, "events", columns=["event_id", "recording_id"])
     unknown = sorted(set(events) - set(known["event_id"]))
     if unknown:
-        raise UsageError(f"event {unknown[0]!r}: not among the {len(known)} usable events of {work}")
+        text = f"not among the {len(known)} usable events of {work}, which `highd-lc list` shows"
+        raise UsageError(f"event {unknown[0]!r}: {text}")
     return known
 
 

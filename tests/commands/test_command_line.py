@@ -6,11 +6,13 @@ import sys
 from importlib.metadata import version
 from pathlib import Path
 
+import pandas as pd
 import pytest
 from typer.testing import CliRunner
 
-from highd_lc import cli, engine
-from highd_lc.vocab.job import Options
+from highd_lc import cli, cli_results, engine
+from highd_lc.io import artefacts
+from highd_lc.vocab.job import Options, Outcome
 
 FIXTURES = Path(__file__).parents[1] / "fixtures"
 
@@ -158,3 +160,12 @@ def test_what_goes_wrong_is_in_the_log_with_its_traceback(tmp_path, monkeypatch,
     assert entries[0]["traceback"].startswith("Traceback")
     assert entries[0]["error"].startswith("InputError: ")
     assert "Traceback" not in said
+
+
+def test_validate_ends_with_its_own_tables_though_the_multiverse_comes_after_it(monkeypatch):
+    outcome = Outcome(counts={"extract": {}, "validate": {}, "multiverse": {}})
+    read = []
+    monkeypatch.setattr(artefacts, "read", lambda work, name: read.append(name) or pd.DataFrame())
+    found = cli_results.results(outcome, Options(None, Path("work"), Path("reports")))
+    assert read == ["prediction_summary", "validation_matrix", "leaderboard"]
+    assert found["validation_matrix"] == []

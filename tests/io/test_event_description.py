@@ -2,7 +2,7 @@ import pandas as pd
 import pytest
 
 from highd_lc.io import artefacts
-from highd_lc.io.event_description import describe_event, event_facts, list_events, records
+from highd_lc.io.event_description import describe_event, event_facts, list_events, list_text, records
 from highd_lc.vocab.errors import ArtefactError, UsageError
 from highd_lc.vocab.job import Provenance
 
@@ -125,3 +125,14 @@ def test_facts_of_an_event_are_those_of_the_words(work):
         "calibration_samples": 1,
     }  # fmt: skip
     assert event_facts(work, CUT)["reason"] == "outside_markings"
+
+
+def test_what_is_missing_is_a_dash_in_a_list(work):
+    lines = list_text(list_events(work, reason="any")).splitlines()
+    assert len(lines) > 1
+    assert all(line.endswith("-") for line in lines[1:])
+    assert not any(word in line for line in lines for word in ("<NA>", "NaN"))
+
+
+def test_a_list_of_nothing_says_none(work):
+    assert list_text(list_events(work).iloc[:0]) == "none"

@@ -63,6 +63,8 @@ def loss_row(policy: str, accounting: str, level: float, p: int) -> dict[str, An
         "loss_hv_increment": 1.0, "loss_hv_each": [loss_hv] * p, "follower_weights": [1 / p] * p,
         "loss_hv_recorded": 11.25 if policy == names.HUMAN else float("nan"),
         "loss_hv_simulated": 10.5 if policy == names.HUMAN else float("nan"),
+        "loss_hv_in_view": 9.25 if policy == names.HUMAN else 9.0 + level / 10.0,
+        "loss_hv_in_view_recorded": 9.75 if policy == names.HUMAN else float("nan"),
         "recorded_n_samples": 180 if policy == names.HUMAN else 0,
         "av_comfort_raw": float("nan"), "min_gap_m": 12.3, "min_time_headway_s": 0.81,
         "min_ttc_s": float("nan"), "max_drac": 0.7, "peak_follower_decel": 1.2,
@@ -164,7 +166,7 @@ def sample_event(p: int = 3) -> EventReport:
 
 _LOSSES = (
     "loss_av", "av_comfort", "av_efficiency", "loss_hv", "hv_comfort", "hv_efficiency", "loss_total",
-    "loss_hv_increment", "min_gap_m",
+    "loss_hv_increment", "loss_hv_in_view", "min_gap_m",
 )  # fmt: skip
 
 

@@ -125,8 +125,8 @@ def test_scrubbing_moves_vehicles_cursor_and_numbers_together(opened):
 def test_a_chart_can_be_dragged(opened):
     page = opened("events/event.html")
     page.locator("#charts .chart > svg").nth(1).click()
-    # The time axis reaches from 46 to 526 of 560 units.
-    assert clock(page) == pytest.approx(15 * (280 - 46) / (526 - 46), abs=0.1)
+    # The time axis reaches from 54 to 526 of 560 units.
+    assert clock(page) == pytest.approx(15 * (280 - 54) / (526 - 54), abs=0.1)
 
 
 def test_keys_step_jump_and_choose(opened):
@@ -209,7 +209,7 @@ def test_the_predicted_follower_is_drawn_as_long_as_it_is_in_view(opened):
     ends = page.eval_on_selector_all(
         "#prediction path.line", "es => es.map(e => e.getBBox()).map(b => b.x + b.width)"
     )
-    # The time axis reaches from 46 to 526 of 560 units over 8 s; the model that plans ends at 6 s.
+    # The time axis reaches from 54 to 526 of 560 units over 8 s; the model that plans ends at 6 s.
     assert ends == pytest.approx([526, 526, 46 + 480 * 6 / 8], abs=20)
     assert ends[2] < ends[1] - 60
 

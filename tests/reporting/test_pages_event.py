@@ -128,9 +128,21 @@ def test_raw_pages_warn():
     assert "licence of the data" not in text_of(event_page(sample_event(), Links()))
 
 
-def test_model_error_stands_beside_the_effect():
-    text = text_of(event_page(sample_event(), Links()))
-    assert "loss 11.25 recorded, 10.50 simulated, a difference of −0.75" in text
+def test_model_error_stands_beside_the_effect_over_the_same_samples():
+    report = sample_event()
+    text = text_of(event_page(report, Links()))
+    assert "9.75 as recorded and 9.25 as simulated, a difference of −0.50" in text
+    seen = [report.loss(policy)["loss_hv_in_view"] for policy in (names.LOCAL_OPTIMUM, names.BENCHMARK)]
+    assert f"changes it by {html.number(seen[0] - seen[1], 2)} against the benchmark" in text
+
+
+def test_an_effect_without_a_plan_is_said_to_be_unknown():
+    assert "What the local optimum changes is not known" in text_of(event_page(infeasible_event(), Links()))
+
+
+def test_model_error_is_left_out_where_nobody_is_filmed():
+    losses = tuple(row | {"loss_hv_in_view_recorded": float("nan")} for row in sample_event().losses)
+    assert "Model error" not in text_of(event_page(replace(sample_event(), losses=losses), Links()))
 
 
 def test_an_event_shows_each_model_s_error():

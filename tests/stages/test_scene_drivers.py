@@ -72,7 +72,7 @@ def test_back_to_the_fits_nothing_of_another_model_stays():
 
 def test_a_model_that_is_not_there_is_named(tmp_path):
     fits = pd.DataFrame({"event_id": [EVENT, EVENT], "follower": [1, 2]})
-    with pytest.raises(ArtefactError, match=r"follower_models.parquet: not found; run the stage"):
+    with pytest.raises(ArtefactError, match=r"follower_models.parquet: not found; `highd-lc run` makes it"):
         read_drivers(tmp_path, 1, fits, names.POPULATION)
     written = pd.DataFrame([model_row()])[list(TABLES["follower_models"].column_names)]
     table = artefacts.to_arrow("follower_models", written, ABOUT)

@@ -2,7 +2,7 @@
 
 /* A drawing takes the whole width: on a small screen it gets fewer units, so that its letters stay legible. */
 const SMALL = matchMedia("(max-width: 40rem)").matches;
-const CHART = { width: SMALL ? 380 : 560, height: 216, left: 46, right: 34, top: 16, bottom: 38 };
+const CHART = { width: SMALL ? 380 : 560, height: 216, left: 54, right: 34, top: 16, bottom: 38 };
 
 function niceTicks(low, high, count) {
   const raw = (high - low) / count;
