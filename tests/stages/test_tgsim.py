@@ -227,4 +227,4 @@ def test_exid_is_recognised_and_refused_with_what_is_missing(tmp_path):
 def test_a_folder_without_exid_is_told_so(tmp_path, rows):
     with pytest.raises(InputError, match="no file of the format exid, here or in a folder below"):
         format_of(write(tmp_path, rows), "exid")
-    assert list(FORMATS) == ["highd", "ngsim", "tgsim", "exid"]
+    assert {"highd", "ngsim", "tgsim", "exid"} <= set(FORMATS)

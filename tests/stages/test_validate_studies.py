@@ -48,7 +48,7 @@ def default(work, name):
 
 def test_every_table_has_rows(work):
     for table in STUDY_TABLES:
-        if table.name != "worse_for_somebody":
+        if table.name not in ("worse_for_somebody", "tracking_contacts"):
             assert len(artefacts.read(work, table.name)), table.name
 
 
