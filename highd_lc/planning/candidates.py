@@ -308,7 +308,7 @@ def _driving(family: int, reacts: bool) -> Any:
     and its smallest spacing to whom it follows (to the AV: from the crossing on).
     """
 
-    @njit(cache=True, nogil=True, fastmath={"arcp"}, error_model="numpy", **UNALIASED)
+    @njit(cache=True, nogil=True, error_model="numpy", **UNALIASED)
     def drive(
         i: int,
         n: int,

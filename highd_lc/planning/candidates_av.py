@@ -26,7 +26,7 @@ from highd_lc.planning.scene import PackedScene
 FloatArray = NDArray[np.float64]
 
 
-@njit(cache=True, nogil=True, fastmath={"arcp"}, error_model="numpy", **UNALIASED)
+@njit(cache=True, nogil=True, error_model="numpy", **UNALIASED)
 def drive_av(
     n: int,
     state: FloatArray,
