@@ -256,13 +256,14 @@ def speeds_of_sets(
 ) -> FloatArray:
     """Speeds [m/s] of every response under each of ``SETS`` sets of behaviours, every so many samples.
 
-    sets: behaviours of shape (R, SETS); ahead: arrays of shape (R, K), a response's samples side by side; joins
-    (R,); start: fronts and speeds, shape (2, R). The step is that of ``simulate``. The speeds have the shape
-    (R, (K - 1) // every, SETS).
+    family: the LCM or the IDM, KeyError for another one; sets: behaviours of shape (R, SETS); ahead: arrays of
+    shape (R, K), a response's samples side by side; joins (R,); start: fronts and speeds, shape (2, R); hardest:
+    bound of braking [m/s^2, positive]. The step is that of ``simulate`` (equations.md 3.10). The speeds have the
+    shape (R, (K - 1) // every, SETS).
     """
     count, samples = ahead.x.shape
     out, scratch = np.empty((count, (samples - 1) // every, SETS)), np.empty((_FADES + 1) * SETS)
-    drive = _sets_of_idm if family_code(family) == IDM else _sets_of_lcm
+    drive = {LCM: _sets_of_lcm, IDM: _sets_of_idm}[family_code(family)]
     drive(sets, ahead, joins, start, every, hardest, scratch, out)
     return out
 

@@ -6,11 +6,14 @@ packed as .gz. They lie in one folder, or in one for each kind (``Tracks`` and `
 
 import os
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import TypeVar
 
 from highd_lc.io.highd_csv import fault, first_line, lookalike
 from highd_lc.vocab.errors import InputError
+
+Layout = TypeVar("Layout")
 
 KINDS = ("recordingMeta", "tracksMeta", "tracks")
 _KIND_OF = {kind.lower(): kind for kind in KINDS}
@@ -89,6 +92,23 @@ def folders_from(data: Path) -> Iterator[list[Path]]:
         yield [data]
         for folder in _folders_below(data):
             yield [folder]
+
+
+def tables_of(
+    data: Path, endings: tuple[str, ...], layout_of: Callable[[Path], Layout | None]
+) -> dict[Path, Layout]:
+    """The tables of a folder that are of a format; if there is none, of the nearest folder below that has any.
+
+    endings: of the files' names; layout_of: how a table is written, None of one in another format.
+    """
+    for level in folders_from(data):
+        readable = (folder for folder in level if os.access(folder, os.R_OK | os.X_OK))
+        paths = (path for folder in readable for path in sorted(folder.iterdir()))
+        tables = (path for path in paths if path.suffix.lower() in endings and path.is_file())
+        found = {path: layout for path in tables if (layout := layout_of(path)) is not None}
+        if found:
+            return found
+    return {}
 
 
 def _kinds(files: Files) -> set[str]:

@@ -6,7 +6,6 @@ Recordings are numbered from 1 in the order of files and runs.
 """
 
 import csv
-import os
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -19,7 +18,7 @@ from pyarrow import csv as arrow_csv
 
 from highd_lc.io import plain_numbers
 from highd_lc.io.highd_csv import Field, fault, first_line, raise_first_fault
-from highd_lc.io.highd_files import folders_from
+from highd_lc.io.highd_files import tables_of
 from highd_lc.io.unmarked import Block
 from highd_lc.vocab.errors import InputError
 
@@ -93,18 +92,7 @@ def layout_of(path: Path) -> Layout | None:
 
 def find_files(data: Path) -> dict[Path, Layout]:
     """The files of TGSIM trajectories in a folder; if there is none, in the nearest folder below that has any."""
-    for level in folders_from(data):
-        tables = (path for folder in level for path in _tables_in(folder))
-        found = {path: layout for path in tables if (layout := layout_of(path)) is not None}
-        if found:
-            return found
-    return {}
-
-
-def _tables_in(folder: Path) -> list[Path]:
-    if not os.access(folder, os.R_OK | os.X_OK):
-        return []
-    return sorted(path for path in folder.iterdir() if path.suffix.lower() in _TABLES and path.is_file())
+    return tables_of(data, _TABLES, layout_of)
 
 
 def runs(data: Path) -> list[Run]:
