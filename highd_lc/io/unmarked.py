@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from highd_lc.core.kernels import kernel
 from highd_lc.extraction.track_index import TrackIndex, breaks
 from highd_lc.io.highd_tables import Tracks
 
@@ -148,7 +148,7 @@ def unbroken_runs(index: TrackIndex, x: FloatArray, y: FloatArray) -> IntArray:
     return np.union1d(index.starts, breaks(index, x, y, rate=RATE))
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def slope(parts: IntArray, values: FloatArray) -> FloatArray:
     """Change of values a second [unit/s], by central differences within each run, one-sided at its ends."""
     out = np.zeros(len(values))
@@ -161,7 +161,7 @@ def slope(parts: IntArray, values: FloatArray) -> FloatArray:
     return out
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def smooth(parts: IntArray, values: FloatArray, width: float) -> FloatArray:
     """Exponentially weighted local lines of each run (equations.md 16.13).
 

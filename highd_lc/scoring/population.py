@@ -9,9 +9,9 @@ from functools import cache, lru_cache
 from typing import Final
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from highd_lc.core.kernels import kernel
 from highd_lc.vocab.sections import StatisticsSettings
 
 FloatArray = NDArray[np.float64]
@@ -61,7 +61,7 @@ def hodges_lehmann(values: FloatArray) -> float:
     return middle if pairs % 2 else 0.5 * (middle + _pair_mean_after(x, pairs // 2, middle))
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def _pair_mean(x: FloatArray, rank: int) -> float:
     """The pair mean of that rank, counted from 1; x ascending."""
     low, high = x[0], x[-1]
@@ -76,7 +76,7 @@ def _pair_mean(x: FloatArray, rank: int) -> float:
     return float(high)
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def _pair_mean_after(x: FloatArray, rank: int, value: float) -> float:
     """The pair mean of the next rank, given that of a rank; x ascending."""
     if _pairs_below(x, value) > rank:
@@ -91,7 +91,7 @@ def _pair_mean_after(x: FloatArray, rank: int, value: float) -> float:
     return float(after)
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def _pairs_below(x: FloatArray, level: float) -> int:
     """How many pairs i <= j have x_i + x_j <= 2 level: as x_i grows, its last partner j moves down."""
     count, j = 0, len(x) - 1
