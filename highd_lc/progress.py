@@ -9,8 +9,17 @@ from typing import Final, Protocol
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
+from highd_lc.vocab.compile_cache import has_kernels
+
 EVERY_S: Final = 30.0
 """Seconds between two lines where nobody sees a bar."""
+
+
+def announce_compiling(console: Console) -> None:
+    """Say that the work begins with compiling if no kernel of this version has been compiled yet."""
+    if not has_kernels():
+        text = "first use of this version: its kernels are compiled as they are needed"
+        console.print(f"{text}, which takes 1 to 4 minutes more, once", highlight=False, soft_wrap=True)
 
 
 class Shown(Protocol):

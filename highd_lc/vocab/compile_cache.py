@@ -109,6 +109,12 @@ def require_cache() -> None:
         raise StorageError(f"{_VARIABLE}={chosen}: compiled kernels cannot be written there; name another folder")
 
 
+def has_kernels() -> bool:
+    """Whether any compiled kernel has been kept; none has before the first run of a version."""
+    chosen = os.environ.get(_VARIABLE)
+    return chosen is not None and next(Path(chosen).rglob("*.nbi"), None) is not None
+
+
 def _digest(package: Path) -> str:
     sources = hashlib.sha256()
     for path in sorted(p for layer in _COMPILED for p in (package / layer).glob("*.py")):
