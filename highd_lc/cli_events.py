@@ -82,6 +82,5 @@ def _add_export(app: typer.Typer) -> None:
 
         if raw:
             errors.print("warning: files with recorded motion of HighD may not be shared (its licence)")
-        for event_id in event_ids:
-            for path in export(work, event_id, to, policy=policy, out=out, raw=raw):
-                console.print(str(path), **PLAIN)
+        for path in export(work, event_ids, to, policy=policy, out=out, raw=raw):
+            console.print(str(path), **PLAIN)
