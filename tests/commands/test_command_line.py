@@ -91,6 +91,20 @@ def test_shipped_pipelines_are_named_by_help_and_completion():
 
 
 @pytest.mark.parametrize(
+    ("command", "wrong", "offered"),
+    [
+        ("run", "scenarios", "demo, highd, paper_literal, recorder_idm, recorder_model, recorder_population"),
+        ("scenarios", "demo", "scenarios"),
+    ],
+)
+def test_a_command_offers_the_pipelines_that_it_takes(monkeypatch, capsys, tmp_path, command, wrong, offered):
+    monkeypatch.chdir(tmp_path)
+    said = f"highd-lc: {wrong}: no such pipeline here; give a TOML file or one of: {offered}\n"
+    assert ended(monkeypatch, capsys, command, "--pipeline", wrong) == (2, said)
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
     ("options", "words"),
     [
         (("report", "--event", "WRONG"), "event 'WRONG': an id is RR-VVVV-FFFFF"),
