@@ -336,7 +336,10 @@ def scenarios(
 
     settings = settings_file.load_pipeline(pipeline, ScenarioSettings)
     announce_compiling(console)
-    with console.status("scenarios and every combination of the options" if sweep else "scenarios"):
+    what = f"scenarios{' and every combination of the options' * sweep}"
+    if not console.is_terminal:  # which shows it until they are done
+        console.print(f"{what}: under way", highlight=False)
+    with console.status(what):
         made = scenario_stage.run(settings, out, sweep=sweep, work=work, threads=workers)
     console.print(claims_table(made.frames["claims"]))
     if made.skipped:
