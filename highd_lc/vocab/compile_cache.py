@@ -109,10 +109,10 @@ def require_cache() -> None:
         raise StorageError(f"{_VARIABLE}={chosen}: compiled kernels cannot be written there; name another folder")
 
 
-def has_kernels() -> bool:
-    """Whether any compiled kernel has been kept; none has before the first run of a version."""
+def count_kernels() -> int:
+    """How many compiled kernels have been kept; none before the first run of a version."""
     chosen = os.environ.get(_VARIABLE)
-    return chosen is not None and next(Path(chosen).rglob("*.nbi"), None) is not None
+    return 0 if chosen is None else sum(1 for _ in Path(chosen).rglob("*.nbc"))
 
 
 def _digest(package: Path) -> str:
