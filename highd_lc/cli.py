@@ -356,7 +356,8 @@ def main() -> None:
         _end(str(error), error.exit_code)
     except OSError as error:
         # The file system refused something that no layer below gives a name of its own to.
-        _end(str(error), StorageError.exit_code)
+        refused = error.filename is not None and error.strerror is not None
+        _end(f"{error.filename}: {error.strerror}" if refused else str(error), StorageError.exit_code)
     except Exception as error:
         _end(f"{told('unexpected', error)}; {_DEBUG} shows where, a run's log too", HighdLcError.exit_code)
 

@@ -77,6 +77,12 @@ def test_an_unexpected_error_is_one_line_too(monkeypatch, capsys):
     assert len(said.splitlines()) == 1
 
 
+def test_what_the_file_system_refuses_is_named_with_its_path(monkeypatch, capsys, tmp_path):
+    (tmp_path / "file").touch()
+    code, said = ended(monkeypatch, capsys, "synthesize", tmp_path / "file" / "below", "--seconds", 5)
+    assert (code, said) == (2, f"highd-lc: {tmp_path / 'file' / 'below'}: Not a directory\n")
+
+
 def test_shipped_pipelines_are_named_by_help_and_completion():
     words = CliRunner().invoke(cli.app, ["run", "--help"], env={"COLUMNS": "300"}).output
     assert "demo, highd, paper_literal" in words

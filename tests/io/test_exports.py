@@ -104,6 +104,14 @@ def test_omega_prime_reads_its_own_schema_again(event, scene, tmp_path):
     np.testing.assert_allclose(ego["vel_y"], scene.ego["vy"], atol=1e-4)
 
 
+def test_commonroad_prints_nothing_of_its_own(event, tmp_path, capfd, caplog):
+    pytest.importorskip("commonroad", reason="extra export is not installed")
+    for _ in range(2):
+        exported(event, "commonroad", policy=POLICY, out=tmp_path, raw=True)
+    assert capfd.readouterr() == ("", "")
+    assert caplog.text == ""
+
+
 def test_commonroad_reads_scenario_problem_and_solution_again(event, scene, tmp_path):
     pytest.importorskip("commonroad", reason="extra export is not installed")
     from commonroad.common.file_reader import CommonRoadFileReader
