@@ -51,10 +51,9 @@ _HIGHD = Path("data/highd")
 def _shipped(incomplete: str = "") -> list[str]:
     """Names of the shipped pipelines of recordings that begin with something."""
     names = (path.stem for path in settings_file.shipped_pipelines())
-    return [name for name in names if name.startswith(incomplete) and name != _SCENARIOS]
+    return [name for name in names if name.startswith(incomplete)]
 
 
-_SCENARIOS = "scenarios"
 _WHICH = f"TOML file or shipped name: {', '.join(_shipped())}; default: highd with data, demo without"
 Pipeline = Annotated[str | None, typer.Option(help=_WHICH, autocompletion=_shipped)]
 Data = Annotated[Path | None, typer.Option(help="folder of recordings; default data/highd, else synthetic")]
@@ -75,6 +74,7 @@ Planners = Annotated[
 ]
 
 DEFAULT_REPORTS = Path("reports")
+_SCENARIOS = settings_file.SCENARIOS
 
 
 def _go(
@@ -109,7 +109,7 @@ def _go(
 
 
 def _settings(pipeline: str | None, data: Path | None, format_: str | None = None) -> Settings:
-    found = settings_file.load(settings_file.find_pipeline(pipeline or ("demo" if data is None else "highd")))
+    found = settings_file.load_pipeline(pipeline or ("demo" if data is None else "highd"), Settings)
     return found if format_ is None else settings_file.with_ingest(found, {"format": format_})
 
 
@@ -324,17 +324,22 @@ def synthesize(
 def scenarios(
     out: Annotated[Path, typer.Option(help="folder of tables, figures and pages")] = DEFAULT_REPORTS / "scenarios",
     sweep: Annotated[bool, typer.Option("--sweep", help="also every combination of the options")] = False,
-    pipeline: Annotated[str, typer.Option(help="TOML file or shipped name")] = _SCENARIOS,
+    pipeline: Annotated[str, typer.Option(help="TOML file; scenarios: the shipped one")] = _SCENARIOS,
     work: Work = DEFAULT_WORK,
     workers: Workers = 2,
 ) -> None:
     """Run the paper's scenarios and enter them beside every published number."""
+    from highd_lc.progress import announce_compiling
     from highd_lc.reporting.terminal import claims_table
     from highd_lc.stages import scenarios as scenario_stage
     from highd_lc.vocab.scenarios import ScenarioSettings
 
-    settings = settings_file.load_model(settings_file.find_pipeline(pipeline), ScenarioSettings)
-    with console.status("scenarios and every combination of the options" if sweep else "scenarios"):
+    settings = settings_file.load_pipeline(pipeline, ScenarioSettings)
+    announce_compiling(console)
+    what = f"scenarios{' and every combination of the options' * sweep}"
+    if not console.is_terminal:  # which shows it until they are done
+        console.print(f"{what}: under way", highlight=False)
+    with console.status(what):
         made = scenario_stage.run(settings, out, sweep=sweep, work=work, threads=workers)
     console.print(claims_table(made.frames["claims"]))
     if made.skipped:
@@ -351,7 +356,8 @@ def main() -> None:
         _end(str(error), error.exit_code)
     except OSError as error:
         # The file system refused something that no layer below gives a name of its own to.
-        _end(str(error), StorageError.exit_code)
+        refused = error.filename is not None and error.strerror is not None
+        _end(f"{error.filename}: {error.strerror}" if refused else str(error), StorageError.exit_code)
     except Exception as error:
         _end(f"{told('unexpected', error)}; {_DEBUG} shows where, a run's log too", HighdLcError.exit_code)
 

@@ -80,8 +80,7 @@ def _add_export(app: typer.Typer) -> None:
         """Write lane changes, recorded or planned, for other tools."""
         from highd_lc.io.exports import export
 
+        written = export(work, event_ids, to, policy=policy, out=out, raw=raw)
         if raw:
             errors.print("warning: files with recorded motion of HighD may not be shared (its licence)")
-        for event_id in event_ids:
-            for path in export(work, event_id, to, policy=policy, out=out, raw=raw):
-                console.print(str(path), **PLAIN)
+        console.print(*map(str, written), sep="\n", **PLAIN)

@@ -16,6 +16,7 @@ from highd_lc.io.choices import choices_text, variants_of
 from highd_lc.io.formats import format_of
 from highd_lc.io.settings import digest, resolved
 from highd_lc.io.workspace import Records, find_inputs
+from highd_lc.progress import announce_compiling
 from highd_lc.stage_run import STAGES, Stage, StageRun
 from highd_lc.vocab.job import JobReport, Options, Outcome, Provenance
 from highd_lc.vocab.settings import Settings
@@ -47,6 +48,8 @@ def run(
         if "report" in (stage.name for stage in stages):
             folders.enter_context(workspace.owned(options.reports, **_OF_REPORTS))
         atomic.write_text(options.work / "settings.json", resolved(settings))
+        if options.scheduler is None:  # a cluster's workers have kernels of their own
+            announce_compiling(console)
         try:
             data = options.data or _synthesize(settings, options, console)
             _run_stages(settings, options, data, stages=stages, console=console, outcome=outcome)

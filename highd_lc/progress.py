@@ -7,10 +7,28 @@ from contextlib import contextmanager
 from typing import Final, Protocol
 
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    ProgressColumn,
+    Task,
+    TextColumn,
+    TimeElapsedColumn,
+)
+from rich.text import Text
+
+from highd_lc.vocab.compile_cache import count_kernels
 
 EVERY_S: Final = 30.0
 """Seconds between two lines where nobody sees a bar."""
+
+
+def announce_compiling(console: Console) -> None:
+    """Say that the work begins with compiling if no kernel of this version has been compiled yet."""
+    if not count_kernels():
+        text = "first use of this version: its kernels are compiled as they are needed"
+        console.print(f"{text}, which takes 1 to 4 minutes more, once", highlight=False, soft_wrap=True)
 
 
 class Shown(Protocol):
@@ -58,7 +76,7 @@ class _Lines:
 
     def __init__(self, console: Console, stage: str, pending: int) -> None:
         self._console, self._stage, self._pending = console, stage, pending
-        self._done, self._combines = 0, False
+        self._done, self._combines, self._compiling = 0, False, _Compiling()
         self._started, self._ended = time.monotonic(), threading.Event()
         self._clock = threading.Thread(target=self._tell_regularly, daemon=True)
 
@@ -86,7 +104,8 @@ class _Lines:
     def _tell_regularly(self) -> None:
         while not self._ended.wait(EVERY_S):
             doing = ", putting the tables together" if self._combines else ""
-            self._say(f"{self._where()}{doing}, {self._seconds():.0f} s so far")
+            first = ", compiling kernels" if self._compiling.since_last() else ""
+            self._say(f"{self._where()}{doing}{first}, {self._seconds():.0f} s so far")
 
     def _where(self) -> str:
         return f"{self._done} of {_recordings(self._pending)}" if self._pending else "tables"
@@ -102,6 +121,25 @@ def _recordings(count: int) -> str:
     return f"{count} recording{'s' * (count != 1)}"
 
 
+class _Compiling(ProgressColumn):
+    """Whether kernels are being compiled, as far as the files that are kept of them tell."""
+
+    max_refresh = 5.0
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._kept = count_kernels()
+
+    def since_last(self) -> bool:
+        """Whether any has been compiled since this was asked last."""
+        before, self._kept = self._kept, count_kernels()
+        return self._kept > before
+
+    def render(self, task: Task) -> Text:
+        """What a bar says of it."""
+        return Text("compiling kernels" if self.since_last() else "")
+
+
 def _bar(console: Console) -> Progress:
     return Progress(
         TextColumn("{task.description:<10}"),
@@ -109,5 +147,6 @@ def _bar(console: Console) -> Progress:
         MofNCompleteColumn(),
         TextColumn("recordings"),
         TimeElapsedColumn(),
+        _Compiling(),
         console=console,
     )

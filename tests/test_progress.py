@@ -68,3 +68,32 @@ def test_a_terminal_shows_a_bar():
         shown.combine()
     assert "2/2 recordings" in sink.getvalue()
     assert "to do" not in sink.getvalue()
+
+
+def announced(kernels, monkeypatch) -> str:
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(kernels))
+    sink = io.StringIO()
+    progress.announce_compiling(Console(file=sink, width=80))
+    return sink.getvalue()
+
+
+def test_compiling_is_told_while_kernels_are_being_kept(tmp_path, monkeypatch):
+    monkeypatch.setattr(progress, "EVERY_S", 0.05)
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
+
+    def work(shown):
+        time.sleep(0.12)
+        (tmp_path / "lcm.command-1.py312.0123.nbc").touch()
+        time.sleep(0.2)
+
+    lines = told(2, 2, work)
+    assert ["compiling kernels" in line for line in lines].count(True) == 1
+
+
+def test_compiling_is_announced_until_there_are_kernels(tmp_path, monkeypatch):
+    said = announced(tmp_path, monkeypatch)
+    assert said.startswith("first use of this version: its kernels are compiled")
+    assert said.count("\n") == 1
+    (tmp_path / "core_0123").mkdir()
+    (tmp_path / "core_0123" / "lcm.command-1.py312.0123.nbc").touch()
+    assert announced(tmp_path, monkeypatch) == ""

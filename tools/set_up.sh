@@ -102,6 +102,7 @@ prepare_venv() {
 }
 
 install_package() {
+  printf 'setup: %s\n' "installing the package and what it needs into $VENV, a minute or two" >&2
   "$BIN/python" -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable ".$1"
   place >"$VENV/.set-up"
   [ -z "$1" ] || cp "$VENV/.set-up" "$STAMP"

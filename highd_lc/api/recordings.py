@@ -172,7 +172,7 @@ def _private_folder() -> TemporaryDirectory[str]:
 
 def settings_of(pipeline: str | PathLike[str]) -> Settings:
     """The settings of a pipeline, by file or by the name of a shipped one. Raises SettingsError."""
-    return settings_file.load(settings_file.find_pipeline(str(pipeline)))
+    return settings_file.load_pipeline(str(pipeline), Settings)
 
 
 def synthesize(

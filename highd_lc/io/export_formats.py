@@ -79,13 +79,15 @@ def write_commonroad(scene: ExportScene, out: Path) -> list[Path]:
     with _extra("commonroad-io"):
         from commonroad.common.file_writer import CommonRoadFileWriter, OverwriteExistingFile
         from commonroad.planning.planning_problem import PlanningProblemSet
+        from commonroad.scenario.scenario import Location
     scenario = commonroad_scenario(scene)
     problem = commonroad_problem(scene)
     out.mkdir(parents=True, exist_ok=True)
     path = out / f"{scene.name}.xml"
-    writer = CommonRoadFileWriter(
-        scenario, PlanningProblemSet([problem]), "highd_lc", "highd_lc", "a recorded lane change", set()
-    )
+    path.unlink(missing_ok=True)  # the writer would print that it replaces it
+    source, anywhere = "a recorded lane change", Location()
+    problems = PlanningProblemSet([problem])
+    writer = CommonRoadFileWriter(scenario, problems, "highd_lc", "highd_lc", source, set(), anywhere)
     writer.write_to_file(str(path), OverwriteExistingFile.ALWAYS)
     return [path, _write_solution(scene, scenario, problem, out)] if scene.planned else [path]
 

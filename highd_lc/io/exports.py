@@ -4,6 +4,7 @@ A scene holds everybody of an event every 0.1 s, recorded or as a policy plans a
 centres from the ego's centre at t_start, x along the road, y to the left [m].
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
@@ -76,13 +77,13 @@ class ExportScene:
 
 
 def export(
-    work: Path, event_id: str, to: str, *, policy: str = RECORDED, out: Path, raw: bool = False
+    work: Path, event_ids: Sequence[str], to: str, *, policy: str = RECORDED, out: Path, raw: bool = False
 ) -> list[Path]:
-    """Write an event in a format.
+    """Write events in a format; nothing is written unless all of them can be.
 
     Args:
         work: folder in which the stages up to validate have run.
-        event_id: of the event.
+        event_ids: of the events.
         to: one of ``TARGETS``.
         policy: who plans the ego; ``recorded`` = everybody as recorded.
         out: folder to write to.
@@ -93,17 +94,17 @@ def export(
 
     Raises:
         UsageError: event, policy or format is unknown, or the licence of the data forbids it without ``raw``.
-        ArtefactError: the event's motions were not written.
+        ArtefactError: the motions of an event were not written.
         MissingExtraError: the format's library is not installed.
     """
     if to not in TARGETS:
         raise UsageError(f"--to {to!r}: one of {', '.join(TARGETS)} is needed")
-    scene = export_scene(work, event_id, policy=policy, raw=raw)
+    scenes = [export_scene(work, event_id, policy=policy, raw=raw) for event_id in dict.fromkeys(event_ids)]
     if to == "csv":
-        return [_write_csv(scene, out)]
+        return [_write_csv(scene, out) for scene in scenes]
     from highd_lc.io import export_formats  # whose libraries are optional
 
-    return list(export_formats.WRITERS[to](scene, out))
+    return [path for scene in scenes for path in export_formats.WRITERS[to](scene, out)]
 
 
 def export_scene(work: Path, event_id: str, *, policy: str = RECORDED, raw: bool = False) -> ExportScene:
@@ -113,10 +114,10 @@ def export_scene(work: Path, event_id: str, *, policy: str = RECORDED, raw: bool
         raise UsageError(f"{event_id}: not usable ({facts['reason']}): there is no scene of it")
     recording = int(facts["recording_id"])
     quality = artefacts.read(work, "recordings", recording=recording)
-    if not raw and quality["format"].iloc[0] == "highd":
-        raise UsageError(f"{event_id}: {_LICENCE}")
     model = _default_model(work)
     motions = _motions(work, event_id, recording, policy, model=model)
+    if not raw and quality["format"].iloc[0] == "highd":
+        raise UsageError(f"{event_id}: {_LICENCE}")
     sizes = pd.DataFrame(facts["roles"]).set_index("role")
     rows = motions[motions["role"].isin(sizes.index)].copy()
     for column, name in (

@@ -22,21 +22,33 @@ def pipelines_folder() -> Path:
     return inside if inside.is_dir() else package.parent / "pipelines"
 
 
-def shipped_pipelines() -> list[Path]:
-    """The shipped pipelines by name."""
-    return sorted(pipelines_folder().glob("*.toml"))
+SCENARIOS = "scenarios"
+"""The shipped pipeline of the scenarios; all others are of recordings."""
 
 
-def find_pipeline(name: str) -> Path:
-    """A pipeline by its path, or by its name among the shipped ones. Raises SettingsError if there is none."""
+def shipped_pipelines(model: type[BaseModel] = Settings) -> list[Path]:
+    """The shipped pipelines by name. model: ``Settings`` = of recordings; else of the scenarios."""
+    of_scenarios = model is not Settings
+    return [path for path in sorted(pipelines_folder().glob("*.toml")) if (path.stem == SCENARIOS) == of_scenarios]
+
+
+def find_pipeline(name: str, model: type[BaseModel] = Settings) -> Path:
+    """A pipeline by its path, or by its name among the shipped ones that hold settings of the model.
+
+    Raises SettingsError if there is none.
+    """
     given = Path(name)
     if given.is_file():
         return given
-    shipped = pipelines_folder() / f"{name.removesuffix('.toml')}.toml"
-    if given.parent == Path() and shipped.is_file():
-        return shipped
-    known = ", ".join(path.stem for path in shipped_pipelines())
-    raise SettingsError(f"{name}: no such pipeline; give a TOML file or one of: {known}")
+    shipped = {path.stem: path for path in shipped_pipelines(model)}
+    if given.parent == Path() and (found := shipped.get(name.removesuffix(".toml"))):
+        return found
+    raise SettingsError(f"{name}: no such pipeline here; give a TOML file or one of: {', '.join(shipped)}")
+
+
+def load_pipeline(name: str, model: type[Model]) -> Model:
+    """Read and check a pipeline given by its path or shipped name. Raises SettingsError."""
+    return load_model(find_pipeline(name, model), model)
 
 
 def load(path: Path) -> Settings:

@@ -23,6 +23,8 @@ QUIET: Final = "#596269"
 LINE: Final = "#d5dade"
 DARK: Final = "#010203"
 """Text on a tile that is pale in both themes: black itself is what a page replaces by its own ink."""
+GROUND: Final = "#fefdfe"
+"""The ground of a page, which rims what lies on tiles: white to the eye, and no other white."""
 ROAD: Final = "#e9ebed"
 FONT_SIZE: Final = 7.0
 

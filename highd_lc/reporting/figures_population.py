@@ -51,7 +51,7 @@ def matrix_figure(matrix: pd.DataFrame) -> Figure:
     axes.plot(100 * rows["gain_hv"], y, "x", color=QUIET, ms=6, mew=1.4, label="followers alone")
     several = len(set(rows["followers"])) > 1
     axes.set_yticks(y, [_cell_label(row, several) for row in rows.itertuples(index=False)])
-    _gain_axis(axes)
+    _gain_axis(axes, len(rows))
     figure.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=2, **LEGEND)
     return figure
 
@@ -64,7 +64,7 @@ def strata_figure(matrix: pd.DataFrame, *, form: str, accounting: str) -> Figure
     _interval(axes, y, rows, [CELL_COLOURS[form]] * len(rows))
     texts = [f"{labels.stratum(s)}  (n = {n})" for s, n in zip(rows["stratum"], rows["n_events"], strict=True)]
     axes.set_yticks(y, texts)
-    _gain_axis(axes)
+    _gain_axis(axes, len(rows))
     return figure
 
 
@@ -81,11 +81,11 @@ def _interval(axes: Axes, y: NDArray[np.signedinteger[Any]], rows: pd.DataFrame,
         axes.plot(100 * row["gain"], at, "o", color=colour, ms=6)
 
 
-def _gain_axis(axes: Axes) -> None:
+def _gain_axis(axes: Axes, n_rows: int) -> None:
     axes.axvline(0, color=INK, lw=0.8)
     axes.set_xlabel("gain of the local optimum over the benchmark [%]", color=QUIET, fontsize=SIZE)
     axes.grid(axis="x", color=LINE, lw=0.5)
-    axes.margins(y=0.08)
+    axes.set_ylim(-0.8, max(n_rows, 1) - 0.2)
 
 
 def gain_distribution(gains: Mapping[str, FloatArray]) -> Figure:
@@ -220,10 +220,10 @@ def _tiles(figure: Figure, axes: Axes, tiles: pd.DataFrame, *, column: str, labe
         axes.text(j, i, str(counts[i, j]), ha="center", va="center", fontsize=SIZE, color=ink)
     axes.set_xticks(range(x.size), [_from(low) for low in x])
     axes.set_yticks(range(y.size), [_from(low) for low in y])
-    axes.set_xlabel("spacing of HV 1 behind the AV at the start [m]", fontsize=SIZE, color=QUIET)
-    axes.set_ylabel("speed of HV 1 minus the AV's [m/s]", fontsize=SIZE, color=QUIET)
+    axes.set_xlabel("spacing of HV 1 behind the AV at the start, from [m]", fontsize=SIZE, color=QUIET)
+    axes.set_ylabel("speed of HV 1 minus the AV's, from [m/s]", fontsize=SIZE, color=QUIET)
     colour_bar(figure, mesh, axes, label)
 
 
 def _from(low: float) -> str:
-    return f"from {low:g}".replace("-", "−") if np.isfinite(low) else "below"
+    return f"{low:g}".replace("-", "−") if np.isfinite(low) else "below"

@@ -13,7 +13,7 @@ from matplotlib.patches import Rectangle
 from numpy.typing import NDArray
 
 from highd_lc.reporting import labels
-from highd_lc.reporting.drawing import DARK, INK, LEGEND, LINE, QUIET, SIZE, colour_bar, panels
+from highd_lc.reporting.drawing import DARK, GROUND, INK, LEGEND, LINE, QUIET, SIZE, colour_bar, panels
 from highd_lc.reporting.figures_population import CELL_COLOURS, visible
 from highd_lc.reporting.html import number
 from highd_lc.vocab import names
@@ -111,7 +111,7 @@ def uncertainty_figure(uncertainty: pd.DataFrame) -> Figure:
     axes.set_xlabel("sampled events, by mean gain", fontsize=SIZE, color=QUIET)
     axes.set_ylabel("gain [%]", fontsize=SIZE, color=QUIET)
     axes.grid(axis="y", color=LINE, lw=0.5)
-    axes.legend(**LEGEND)
+    axes.legend(loc="upper left", **LEGEND)  # the largest gain is on the right
     return figure
 
 
@@ -181,7 +181,7 @@ def gain_map_figure(tiles: pd.DataFrame, spacing: FloatArray, difference: FloatA
     for k, m in zip(*np.nonzero(hidden), strict=True):
         size = x[k + 1] - x[k], y[m + 1] - y[m]
         axes.add_patch(Rectangle((x[k], y[m]), *size, fill=False, hatch="////", lw=0.0, ec=QUIET))
-    axes.plot(spacing[known], difference[known], "o", color="#000000", mec="#ffffff", mew=0.4, ms=3, alpha=0.7)
+    axes.plot(spacing[known], difference[known], "o", color=INK, mec=GROUND, mew=0.7, ms=3.8)
     colour_bar(figure, mesh, axes, "gain [%]")
     axes.set_xlabel("spacing of HV 1 behind the AV at the start [m]", color=QUIET, fontsize=SIZE)
     axes.set_ylabel("speed of HV 1 minus that of the AV [m/s]", color=QUIET, fontsize=SIZE)

@@ -234,7 +234,8 @@ def inline_svg(figure: "Figure", alternative: str) -> Markup:
     text = text[text.index("<svg") :]
     for colour, variable in _theme_colours().items():
         text = text.replace(colour, variable)
-    head = Markup('<svg role="img" aria-label="{}" ').format(alternative)
+    width = round(96 * figure.get_figwidth())  # which a small screen takes less of than its own width
+    head = Markup('<svg role="img" style="--width: {}px" aria-label="{}" ').format(width, alternative)
     return Markup(text.replace("<svg ", str(head), 1))
 
 
@@ -259,4 +260,5 @@ def _theme_colours() -> dict[str, str]:
         policies
         | parts
         | {drawing.INK: "currentColor", drawing.QUIET: "var(--quiet)", drawing.LINE: "var(--line)"}
+        | {drawing.GROUND: "var(--ground)"}
     )

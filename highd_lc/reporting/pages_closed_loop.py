@@ -40,6 +40,11 @@ _SUMMARY: Final = (
     Column("regret_max", "largest", digits=3),
     Column("n_regret", "Events with one", digits=0),
 )
+_SUMMARY_CAPTION: Final = (
+    "Turned back: to its lane, before the crossing. Never begun: no change was permitted in all that time. Seen: "
+    "how long contacts could be seen, of the human as long as all are in view. Losses and regret are means over "
+    "the events that have them."
+)
 _DECISIONS: Final = (
     Column("label", "Who drives"),
     Column("replans", "Decisions", digits=0),
@@ -51,6 +56,11 @@ _DECISIONS: Final = (
     Column("delay_s", "Waited, mean", "s", 1),
     Column("T", "Manoeuvre, mean", "s", 1),
     Column("max_lateral_m", "Largest tracking error", "m", 3),
+)
+_DECISIONS_CAPTION: Final = (
+    "New plans: another than the one driven. Where nothing else was permitted: another end speed than the form's; "
+    "ellipses alone, without the profile's distances; the latest contact of plans that all have one. Last plan "
+    "held: none is better. Waited: from t_start to the start of the change."
 )
 _DRIVES: Final = (
     Column("event_id", "Event", link="events/{}.html"),
@@ -102,11 +112,12 @@ def _sections(drives: pd.DataFrame) -> Iterator[Section]:
     yield Section(
         "Outcomes",
         tuple(_explained(planned)),
-        tables=(table_view(_summary(known), _SUMMARY),),
+        tables=(table_view(_summary(known), _SUMMARY, _SUMMARY_CAPTION),),
         anchor="outcomes",
     )
-    yield Section("Contacts by cause", _CONTACTS, tables=_causes(known), anchor="contacts")
-    decisions = (table_view(_decisions(planned), _DECISIONS),)
+    causes = _causes(known)
+    yield Section("Contacts by cause", _CONTACTS if causes else _NO_CONTACTS, tables=causes, anchor="contacts")
+    decisions = (table_view(_decisions(planned), _DECISIONS, _DECISIONS_CAPTION),)
     yield Section("Decisions on the way", _ON_THE_WAY, tables=decisions, anchor="decisions")
     every = (table_view(_drives(known), _DRIVES, "Every drive"),)
     yield Section("The drives", _PLAYED, folded=every, anchor="drives")
@@ -134,6 +145,7 @@ _CONTACTS: Final = (
     "human's row: the same among what was recorded, as long as all of them are in view, which is shorter "
     "than H.",
 )
+_NO_CONTACTS: Final = ("No AV touches anybody, nor does a recorded driver as long as all are in view.",)
 _ON_THE_WAY: Final = (
     "Every decision keeps the safety profile where some plan does. Where none does, the AV turns back to its "
     "lane before the crossing if it can; else it gives up the end speed, then all but the ellipses, then "

@@ -166,7 +166,9 @@ def _lead(report: EventReport) -> str:
 
 
 def _numbered(count: int) -> str:
-    return "HV 1 is the follower" if count == 1 else f"HV 1 to HV {count} are the followers, nearest first"
+    if count == 1:
+        return "HV 1 is the follower"
+    return f"HV 1 {'and' if count == 2 else 'to'} HV {count} are the followers, nearest first"
 
 
 def _notices(report: EventReport) -> list[str]:

@@ -95,10 +95,9 @@ def _cross_sections(scores: pd.DataFrame) -> Iterator[Section]:
         "planned, driven by another model or by SUMO, or with parameters drawn within their spread. Events in "
         "which somebody drives through another then are counted as contacts, and are in no sum.",
     )
-    for form in (*names.FORMS, *names.START_FORMS, *names.ROBUST_FORMS):
-        rows = scores[scores["form"] == form]
-        if rows.empty:
-            continue
+    present = [f for f in (*names.FORMS, *names.START_FORMS, *names.ROBUST_FORMS) if (scores["form"] == f).any()]
+    for form in present:
+        rows, first = scores[scores["form"] == form], form == present[0]
         table = rows.assign(
             optimised_label=rows["optimised"].map(labels.ACCOUNTING_NAMES),
             scored_label=rows["scored"].map(labels.ACCOUNTING_NAMES),
@@ -119,7 +118,11 @@ def _cross_sections(scores: pd.DataFrame) -> Iterator[Section]:
         default = rows[rows["planned_with"] == rows["planned_with"].iloc[0]]
         figure = html.inline_svg(figures.cross_figure(default), f"{title}. The table holds the numbers.")
         yield Section(
-            title, text, figure, folded=(table_view(table, columns, "All numbers"),), anchor=f"cross-{form}"
+            title,
+            text if first else (),
+            figure,
+            folded=(table_view(table, columns, "All numbers"),),
+            anchor=f"cross-{form}",
         )
 
 

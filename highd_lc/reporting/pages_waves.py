@@ -62,8 +62,9 @@ def wave_sections(waves: pd.DataFrame, field: pd.DataFrame, default: str) -> Ite
 
 
 _CAPTION: Final = (
-    "Edie's speed of the followers of all lane changes laid over each other, relative to the ego's at t_start, in "
-    "a frame that moves with it; 0 m is the ego's centre. Right: what the simulated followers do differently."
+    "Speed of the followers of all lane changes laid over each other, in cells of space and time (Edie: the way "
+    "of all in a cell over their time in it), relative to the ego's at t_start, in a frame that moves with it; "
+    "0 m is the ego's centre. Right: what the simulated followers do differently."
 )
 _ALTERNATIVE: Final = "Speed over space and time behind the lane changer: observed, simulated, their difference."
 
@@ -94,11 +95,12 @@ def wave_words(waves: pd.DataFrame, default: str) -> Iterator[str]:
     yield f"Observed: {_one(seen)}."
     if default in rows:
         mine = rows[default]
-        yield f"Simulated by {labels.follower_model(default)}: {_one(mine)}. {_beside(mine)}"
+        yield f"Simulated by the model {labels.follower_model(default)}: {_one(mine)}. {_beside(mine)}"
     if UNRELATED in rows:
         chance = rows[UNRELATED]["share_passed"]
         yield (
-            f"How sure: in pairs of unrelated vehicles something seems to pass on in {chance:.0%}"
+            f"How sure: in pairs of unrelated vehicles something seems to pass on in "
+            f"{html.percent(chance, 0)}"
             f"{_excess(seen['share_passed'], chance)}. {_intervals(seen)}"
         )
 
@@ -106,13 +108,14 @@ def wave_words(waves: pd.DataFrame, default: str) -> Iterator[str]:
 def _one(row: dict[str, Any]) -> str:
     if not row["passed"]:
         return f"in none of {row['n_pairs']} pairs does a disturbance pass on"
-    ends = f" ({row['speed_low']:.1f} to {row['speed_high']:.1f})" if row["speed_low"] == row["speed_low"] else ""
+    low, speed, high = (html.number(row[f"speed_{end}"], 1) for end in ("low", "mps", "high"))
+    ends = f" ({low} to {high})" if row["speed_low"] == row["speed_low"] else ""
     way = "downstream" if row["speed_mps"] > 0.0 else "upstream"
     if row["speed_low"] <= 0.0 <= row["speed_high"]:
         way = "upstream or downstream cannot be told"
     return (
-        f"in {row['share_passed']:.0%} of {row['n_pairs']} pairs a disturbance reaches the next driver, "
-        f"{row['lag_s']:.1f} s later on average; it moves at {row['speed_mps']:.1f} m/s{ends} along the road, "
+        f"in {html.percent(row['share_passed'], 0)} of {row['n_pairs']} pairs a disturbance reaches the next "
+        f"driver, {row['lag_s']:.1f} s later on average; it moves at {speed} m/s{ends} along the road, "
         f"{way}"
     )
 
@@ -127,13 +130,14 @@ def _beside(mine: dict[str, Any]) -> str:
     if low != low:
         return f"{said}, without an interval."
     told = "which is no difference that could be told" if low <= 0.0 <= high else "a difference beyond chance"
-    return f"{said} ({low:.1f} to {high:.1f}), {told}."
+    return f"{said} ({html.number(low, 1)} to {html.number(high, 1)}), {told}."
 
 
 def _excess(share: float, chance: float) -> str:
     if not share > chance:
         return ", which is no less than observed: what is observed cannot be told from chance"
-    return f", against {share:.0%} observed: about {(share - chance) / max(1.0 - chance, 1e-9):.0%} are waves"
+    waves = html.percent((share - chance) / max(1.0 - chance, 1e-9), 0)
+    return f", against {html.percent(share, 0)} observed: about {waves} are waves"
 
 
 def _intervals(seen: dict[str, Any]) -> str:

@@ -6,6 +6,7 @@ Pages that may be shared carry recorded quantities at 0.1 m, 0.1 m/s and 0.1 m/s
 """
 
 import base64
+from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
@@ -35,6 +36,8 @@ SAFE_STEP: Final = 0.1
 FINE_STEP: Final = 0.01
 _SAFE_PERIOD: Final = 0.1
 _LARGEST_BYTE: Final = 126
+_FEW_MODELS: Final = 6
+"""Lines that can be told apart in one chart beside the recorded one."""
 _LEVELS: Final = 65534
 _UNKNOWN: Final = 65535
 
@@ -176,18 +179,25 @@ def _fit(trace: FitTrace, step: float) -> dict[str, Any]:
 
 
 def _prediction(trace: PredictionTrace, step: float) -> dict[str, Any]:
-    """Speeds with their names, colours and dashes: recorded first."""
+    """Speeds with their looks: recorded first."""
     # Simulated speeds begin at the recorded one, so that they are as coarse.
-    colours = labels.borrowed_colours(trace.models, trace.default)
-    looks = [
-        [labels.follower_model(model), colours[model], model in names.NAIVE_MODELS, model == trace.default]
-        for model in trace.models
-    ]
     return {
         "dt": _period(trace.t),
-        "looks": [[labels.follower_model(labels.RECORDED), labels.RECORDED, False, True], *looks],
+        "looks": [[labels.follower_model(labels.RECORDED), labels.RECORDED, 0, True, True], *_model_looks(trace)],
         **_packed([trace.recorded, *trace.models.values()], step),
     }
+
+
+def _model_looks(trace: PredictionTrace) -> Iterator[list[Any]]:
+    """Of each follower model: name, colour, number of its dashes, whether it is heavy and shown at first."""
+    colours, drawn = labels.borrowed_colours(trace.models, trace.default), Counter[str]()
+    few = len(trace.models) <= _FEW_MODELS
+    for model in trace.models:
+        naive = model in names.NAIVE_MODELS
+        dashes = 1 if naive else (0, 2, 3)[drawn[colours[model]] % 3]
+        drawn[colours[model]] += not naive
+        shown = few or model in (trace.default, names.CONSTANT_SPEED, names.OWN_FIT)
+        yield [labels.follower_model(model), colours[model], dashes, model == trace.default, shown]
 
 
 def _period(t: FloatArray) -> float:

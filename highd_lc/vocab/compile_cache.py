@@ -144,6 +144,12 @@ def require_cache() -> None:
         raise StorageError(f"{_VARIABLE}={chosen}: compiled kernels cannot be written there; name another folder")
 
 
+def count_kernels() -> int:
+    """How many compiled kernels have been kept; none before the first run of a version."""
+    chosen = os.environ.get(_VARIABLE)
+    return 0 if chosen is None else sum(1 for _ in Path(chosen).rglob("*.nbc"))
+
+
 def _digest(package: Path) -> str:
     sources = hashlib.sha256()
     for path in sorted(p for layer in _COMPILED for p in (package / layer).glob("*.py")):

@@ -77,6 +77,12 @@ def test_an_unexpected_error_is_one_line_too(monkeypatch, capsys):
     assert len(said.splitlines()) == 1
 
 
+def test_what_the_file_system_refuses_is_named_with_its_path(monkeypatch, capsys, tmp_path):
+    (tmp_path / "file").touch()
+    code, said = ended(monkeypatch, capsys, "synthesize", tmp_path / "file" / "below", "--seconds", 5)
+    assert (code, said) == (2, f"highd-lc: {tmp_path / 'file' / 'below'}: Not a directory\n")
+
+
 def test_shipped_pipelines_are_named_by_help_and_completion():
     words = CliRunner().invoke(cli.app, ["run", "--help"], env={"COLUMNS": "300"}).output
     assert "demo, highd, paper_literal" in words
@@ -88,6 +94,20 @@ def test_shipped_pipelines_are_named_by_help_and_completion():
         "COMP_CWORD": "3",
     }
     assert CliRunner().invoke(cli.app, [], env=arguments, prog_name="highd-lc").output == "paper_literal\n"
+
+
+@pytest.mark.parametrize(
+    ("command", "wrong", "offered"),
+    [
+        ("run", "scenarios", "demo, highd, paper_literal, recorder_idm, recorder_model, recorder_population"),
+        ("scenarios", "demo", "scenarios"),
+    ],
+)
+def test_a_command_offers_the_pipelines_that_it_takes(monkeypatch, capsys, tmp_path, command, wrong, offered):
+    monkeypatch.chdir(tmp_path)
+    said = f"highd-lc: {wrong}: no such pipeline here; give a TOML file or one of: {offered}\n"
+    assert ended(monkeypatch, capsys, command, "--pipeline", wrong) == (2, said)
+    assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.parametrize(

@@ -216,6 +216,7 @@ def test_an_environment_that_cannot_serve_is_made_anew(ready, damage):
     found = ready.make("setup", PYTHON=ready.python("3.12.9"))
     assert found.returncode == 0, found.stderr
     assert re.search(FAULTS[damage] + "; making it anew", found.stdout)
+    assert "setup: installing the package" in found.stderr
     assert ready.version() == "3.12.9"
     again = ready.make("setup")
     assert (again.returncode, again.stdout, again.stderr) == (0, "", "")

@@ -15,7 +15,7 @@ NUMBER = re.compile(r"-?\d+\.\d+")
 
 
 def test_the_ledger_is_fresh():
-    settings = settings_file.load_model(settings_file.find_pipeline("scenarios"), ScenarioSettings)
+    settings = settings_file.load_pipeline("scenarios", ScenarioSettings)
     cells = rows_of_variants(settings, threads=2) + rows_of_printed_state(settings)
     made, kept = ledger_text(ledger_frames(Book.of(cells, settings))), PAGE.read_text(encoding="utf-8")
     assert NUMBER.sub("#", made) == NUMBER.sub("#", kept), "make ledger writes docs/ledger.md anew"

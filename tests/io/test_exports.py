@@ -18,6 +18,11 @@ def event(pipeline_run):
     return pipeline_run.work, solved["event_id"].iloc[0]
 
 
+def exported(event, to, **options):
+    work, event_id = event
+    return export(work, [event_id], to, **options)
+
+
 @pytest.fixture(scope="module")
 def scene(event):
     return export_scene(*event, policy=POLICY, raw=True)
@@ -40,7 +45,7 @@ def test_a_scene_holds_everybody_and_the_plan_s_own_ego(event, scene):
 
 
 def test_csv_holds_the_scene(event, scene, tmp_path):
-    (path,) = export(*event, "csv", policy=POLICY, out=tmp_path, raw=True)
+    (path,) = exported(event, "csv", policy=POLICY, out=tmp_path, raw=True)
     found = pd.read_csv(path)
     assert list(found) == list(COLUMNS)
     np.testing.assert_allclose(found["x"], scene.rows["x"], rtol=1e-5)
@@ -49,7 +54,19 @@ def test_csv_holds_the_scene(event, scene, tmp_path):
 
 def test_highd_s_licence_is_kept_unless_asked_otherwise(event, tmp_path):
     with pytest.raises(UsageError, match="its licence allows no redistribution; give --raw"):
-        export(*event, "csv", out=tmp_path)
+        exported(event, "csv", out=tmp_path)
+
+
+def test_a_wrong_policy_is_told_before_the_licence(event, tmp_path):
+    with pytest.raises(UsageError, match="no plan of 'nobody'"):
+        exported(event, "csv", policy="nobody", out=tmp_path)
+
+
+def test_nothing_is_written_if_one_of_several_events_cannot_be(event, tmp_path):
+    work, event_id = event
+    with pytest.raises(UsageError, match="no lane-id change"):
+        export(work, [event_id, "01-0000-00000"], "csv", out=tmp_path, raw=True)
+    assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize(
@@ -63,7 +80,7 @@ def test_highd_s_licence_is_kept_unless_asked_otherwise(event, tmp_path):
 def test_what_cannot_be_exported_is_told(event, tmp_path, change, error, said):
     wanted = {"event_id": event[1], "to": "csv"} | change
     with pytest.raises(error, match=said):
-        export(event[0], wanted.pop("event_id"), wanted.pop("to"), out=tmp_path, raw=True, **wanted)
+        exported((event[0], wanted.pop("event_id")), wanted.pop("to"), out=tmp_path, raw=True, **wanted)
 
 
 def test_a_change_that_is_no_event_and_motions_that_were_not_written_are_told(event, tmp_path):
@@ -71,14 +88,14 @@ def test_a_change_that_is_no_event_and_motions_that_were_not_written_are_told(ev
     crossings = artefacts.read(work, "crossings")
     unusable = crossings.loc[~crossings["usable"], "event_id"].iloc[0]
     with pytest.raises(UsageError, match="not usable"):
-        export(work, unusable, "csv", out=tmp_path, raw=True)
+        exported((work, unusable), "csv", out=tmp_path, raw=True)
     with pytest.raises(ArtefactError):
-        export(tmp_path, event[1], "csv", out=tmp_path, raw=True)
+        exported((tmp_path, event[1]), "csv", out=tmp_path, raw=True)
 
 
 def test_omega_prime_reads_its_own_schema_again(event, scene, tmp_path):
     omega_prime = pytest.importorskip("omega_prime", reason="extra export is not installed")
-    (path,) = export(*event, "omega-prime", policy=POLICY, out=tmp_path, raw=True)
+    (path,) = exported(event, "omega-prime", policy=POLICY, out=tmp_path, raw=True)
     found = omega_prime.Recording.from_file(str(path), validate=True)
     table = found.df.to_pandas()
     assert len(table) == len(scene.rows)
@@ -87,12 +104,20 @@ def test_omega_prime_reads_its_own_schema_again(event, scene, tmp_path):
     np.testing.assert_allclose(ego["vel_y"], scene.ego["vy"], atol=1e-4)
 
 
+def test_commonroad_prints_nothing_of_its_own(event, tmp_path, capfd, caplog):
+    pytest.importorskip("commonroad", reason="extra export is not installed")
+    for _ in range(2):
+        exported(event, "commonroad", policy=POLICY, out=tmp_path, raw=True)
+    assert capfd.readouterr() == ("", "")
+    assert caplog.text == ""
+
+
 def test_commonroad_reads_scenario_problem_and_solution_again(event, scene, tmp_path):
     pytest.importorskip("commonroad", reason="extra export is not installed")
     from commonroad.common.file_reader import CommonRoadFileReader
     from commonroad.common.solution import CommonRoadSolutionReader
 
-    path, solution = export(*event, "commonroad", policy=POLICY, out=tmp_path, raw=True)
+    path, solution = exported(event, "commonroad", policy=POLICY, out=tmp_path, raw=True)
     scenario, problems = CommonRoadFileReader(str(path)).open()
     (problem,) = problems.planning_problem_dict.values()
     assert len(scenario.lanelet_network.lanelets) == len(scene.markings) - 1
@@ -110,7 +135,7 @@ def test_commonroad_reads_scenario_problem_and_solution_again(event, scene, tmp_
 
 def test_openscenario_is_parsed_again(event, scene, tmp_path):
     generation = pytest.importorskip("scenariogeneration", reason="extra export is not installed")
-    path, road = export(*event, "openscenario", policy=POLICY, out=tmp_path, raw=True)
+    path, road = exported(event, "openscenario", policy=POLICY, out=tmp_path, raw=True)
     found = generation.xosc.ParseOpenScenario(str(path))
     roles = {role for role, rows in scene.rows.groupby("role") if (rows["t"] >= 0).sum()}
     assert {entity.name for entity in found.entities.scenario_objects} == roles

@@ -10,7 +10,7 @@ from highd_lc.vocab.scenarios import ScenarioSettings
 
 @cache
 def few_scenarios() -> ScenarioSettings:
-    shipped = settings_file.load_model(settings_file.find_pipeline("scenarios"), ScenarioSettings)
+    shipped = settings_file.load_pipeline("scenarios", ScenarioSettings)
     values = shipped.model_dump()
     values["options"] |= {"planned_followers": 3, "horizon_s": 8.0}
     values["scenario_1"] |= {"duration_s": 60.0, "change_at_s": 10.0}

@@ -222,3 +222,12 @@ def trace() -> PredictionTrace:
     recorded = 28.0 - 0.1 * t
     gone = np.where(t > 6.0, np.nan, recorded + 0.5)
     return PredictionTrace(t, recorded, {names.CONSTANT_SPEED: np.full(t.size, 28.0), DEFAULT: gone}, DEFAULT)
+
+
+def many_models() -> PredictionTrace:
+    """The same by more models than lines of a chart can be told apart."""
+    few = trace()
+    others = (*names.NAIVE_MODELS[1:], names.OWN_FIT, names.IDM, names.MEAN, names.TABLE3)
+    models = {model: few.recorded + 0.1 * k for k, model in enumerate(others)}
+    own = {names.CONSTANT_SPEED: few.models[names.CONSTANT_SPEED], **models, DEFAULT: few.models[DEFAULT]}
+    return PredictionTrace(few.t, few.recorded, own, DEFAULT)

@@ -9,7 +9,7 @@ import pytest
 from browser import Watched, chromium
 from sample_drives import DRIVES
 from sample_event import infeasible_event, replanned_event, sample_event, unplanned_event
-from sample_prediction import nobody, sample_prediction, trace
+from sample_prediction import many_models, nobody, sample_prediction, trace
 from sample_run import calibration, matrix, recordings, sample_run, sample_summary
 from sample_studies import foresight, studies, tiles, variants
 
@@ -52,6 +52,7 @@ def folder(tmp_path_factory):
         "dictionary.html": dictionary_page(),
         "events/event.html": event_page(sample_event(), Links()),
         "events/predicted.html": event_page(replace(sample_event(), prediction=trace()), Links()),
+        "events/many_models.html": event_page(replace(sample_event(), prediction=many_models()), Links()),
         "events/infeasible.html": event_page(infeasible_event(), Links()),
         "events/replanned.html": event_page(replanned_event(), Links()),
         "events/unplanned.html": event_page(unplanned_event(), Links()),
@@ -214,6 +215,25 @@ def test_the_predicted_follower_is_drawn_as_long_as_it_is_in_view(opened):
     assert ends[2] < ends[1] - 60
 
 
+def test_of_many_models_a_few_are_drawn_and_the_legend_shows_and_hides_them(opened):
+    page = opened("events/many_models.html")
+    pressed = lambda: page.eval_on_selector_all(  # noqa: E731
+        "#prediction .legend button[aria-pressed=true]", "es => es.map(e => e.textContent)"
+    )
+    assert pressed() == ["recorded", "constant speed", "own fit", "population"]
+    assert page.locator("#prediction path.line").count() == 4
+    page.click("#prediction .legend button >> text=Table 3 means")
+    page.click("#prediction .legend button >> text=recorded")
+    assert pressed() == ["constant speed", "own fit", "Table 3 means", "population"]
+    assert page.locator("#prediction path.line").count() == 4
+    assert page.evaluate("document.activeElement.textContent") == "recorded"
+
+
+def test_a_car_on_a_small_screen_is_no_speck(opened):
+    page = opened("events/event.html", width=420)
+    assert page.locator(".road rect.ego").bounding_box()["width"] > 8.0
+
+
 def test_every_figure_has_words(opened):
     page = opened("events/event.html")
     texts = page.eval_on_selector_all("svg[role=img]", "es => es.map(e => e.getAttribute('aria-label') || '')")
@@ -346,7 +366,7 @@ ALL_PAGES = (
 
 
 @pytest.mark.parametrize(
-    "name", [*ALL_PAGES, "events/event", "events/predicted", "events/infeasible", "events/unplanned"]
+    "name", [*ALL_PAGES, *(f"events/{kind}" for kind in ("event", "many_models", "infeasible", "unplanned"))]
 )
 def test_on_a_telephone_nothing_is_wider_than_the_screen(opened, name):
     page = opened(f"{name}.html", width=420)
@@ -376,7 +396,7 @@ _SERIOUS = """async () => (await axe.run(document, {resultTypes: ["violations"]}
 
 
 @pytest.mark.parametrize(
-    "name", [*ALL_PAGES, "events/event", "events/predicted", "events/infeasible", "events/unplanned"]
+    "name", [*ALL_PAGES, *(f"events/{kind}" for kind in ("event", "many_models", "infeasible", "unplanned"))]
 )
 def test_a_page_has_no_serious_fault_of_accessibility(opened, name):
     axe = importlib.util.find_spec("axe_playwright_python")

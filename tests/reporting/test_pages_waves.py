@@ -12,19 +12,19 @@ def told(table: pd.DataFrame) -> str:
 
 def test_words_hold_speeds_delays_and_how_sure_they_are():
     text = told(waves())
-    assert "Observed: in 60% of 40 pairs" in text
-    assert "1.5 s later on average; it moves at -4.0 m/s (-4.5 to -3.5) along the road, upstream" in text
+    assert "Observed: in 60 % of 40 pairs" in text
+    assert "1.5 s later on average; it moves at −4.0 m/s (−4.5 to −3.5) along the road, upstream" in text
     assert "Over the 12 pairs with both they react 0.5 s later than the drivers did (0.3 to 0.7)" in text
     assert "a difference beyond chance" in text
-    assert "unrelated vehicles something seems to pass on in 20%, against 60% observed" in text
-    assert "about 50% are waves" in text
+    assert "unrelated vehicles something seems to pass on in 20 %, against 60 % observed" in text
+    assert "about 50 % are waves" in text
     assert "Intervals are over 6 recordings." in text
 
 
 def test_a_speed_whose_interval_holds_0_has_no_direction():
     table = waves()
     table.loc[table["source"] == "observed", "speed_high"] = 1.0
-    assert "(-4.5 to 1.0) along the road, upstream or downstream cannot be told" in told(table)
+    assert "(−4.5 to 1.0) along the road, upstream or downstream cannot be told" in told(table)
 
 
 def test_few_recordings_give_no_interval_and_the_words_say_so():

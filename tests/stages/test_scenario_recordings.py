@@ -21,7 +21,7 @@ from highd_lc.vocab.job import Combination
 from highd_lc.vocab.scenarios import ScenarioSettings
 
 FIXTURES = Path(__file__).parents[1] / "fixtures"
-SETTINGS = settings_file.load_model(settings_file.find_pipeline("scenarios"), ScenarioSettings)
+SETTINGS = settings_file.load_pipeline("scenarios", ScenarioSettings)
 
 
 @pytest.fixture(scope="module")

@@ -16,7 +16,7 @@ FIGURES = ("plans", "followers", "losses", "weights", "speed_maps", "rectangle",
 
 
 def small() -> ScenarioSettings:
-    shipped = settings_file.load_model(settings_file.find_pipeline("scenarios"), ScenarioSettings)
+    shipped = settings_file.load_pipeline("scenarios", ScenarioSettings)
     values = shipped.model_dump()
     values["options"] |= {"planned_followers": 10, "horizon_s": 5.0}
     values["scenario_2"] |= {"followers": 14, "duration_s": 320.0}

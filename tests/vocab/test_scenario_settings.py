@@ -8,7 +8,7 @@ from highd_lc.io import settings as settings_file
 from highd_lc.vocab.errors import SettingsError
 from highd_lc.vocab.scenarios import ScenarioOptions, ScenarioSettings
 
-SHIPPED = settings_file.find_pipeline("scenarios")
+SHIPPED = settings_file.find_pipeline("scenarios", ScenarioSettings)
 
 
 def load(tmp_path, change=""):

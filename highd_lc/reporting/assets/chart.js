@@ -1,4 +1,5 @@
-/* Line charts over time with a cursor, drawn as SVG. A series is {name, colour, dash, width, x, y, label}. */
+/* Line charts over time with a cursor, drawn as SVG. A series is {name, colour, dash, width, x, y, label, hidden}. Where
+   one is hidden, names in the legend show and hide the lines. */
 
 /* A drawing takes the whole width: on a small screen it gets fewer units, so that its letters stay legible. */
 const SMALL = matchMedia("(max-width: 40rem)").matches;
@@ -97,7 +98,8 @@ class Chart {
   }
 
   draw(series, xRange, marks = []) {
-    this.series = series.filter((s) => s.x.length > 0);
+    this.all = series.filter((s) => s.x.length > 0);
+    this.chosen = this.all.some((s) => s.hidden);
     this.marks = marks;
     this.whole = xRange;
     this.redraw();
@@ -105,6 +107,7 @@ class Chart {
 
   redraw() {
     const [first, last] = this.whole;
+    this.series = this.all.filter((s) => !s.hidden);
     this.xRange = this.shown && this.shown[0] >= first && this.shown[1] <= last ? this.shown : this.whole;
     this.yRange = range(this.series, (s) => this.visible(s).map((k) => s.y[k]), this.options.least);
     const line = (s) => mark("path", {
@@ -184,15 +187,27 @@ class Chart {
 
   drawLegend() {
     const seen = new Map();
-    for (const s of this.series) if (s.name && !seen.has(s.name)) seen.set(s.name, s);
+    for (const s of this.all) if (s.name && !seen.has(s.name)) seen.set(s.name, s);
     this.values = [];
     this.legend.replaceChildren(...[...seen.values()].map((s) => {
       const value = node("span", {});
       this.values.push([s, value]);
       const key = mark("svg", { viewBox: "0 0 26 8", "aria-hidden": "true" },
         mark("line", { x1: 0, x2: 26, y1: 4, y2: 4, "stroke-width": s.width, "stroke-dasharray": s.dash, style: `stroke: ${s.colour}` }));
-      return node("span", {}, key, s.name + " ", value);
+      return this.chosen ? this.choice(s, key) : node("span", {}, key, s.name + " ", value);
     }));
+  }
+
+  /* A name in the legend that shows or hides its line. */
+  choice(s, key) {
+    const button = node("button", { type: "button", "aria-pressed": `${!s.hidden}`, title: s.hidden ? "Show" : "Hide" }, key, s.name);
+    button.addEventListener("click", () => {
+      const place = [...this.legend.children].indexOf(button);
+      s.hidden = !s.hidden;
+      this.redraw();
+      this.legend.children[place].focus();
+    });
+    return button;
   }
 
   cursor(x) {

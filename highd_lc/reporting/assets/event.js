@@ -278,9 +278,9 @@ class EventPage {
     if (!figure) return;
     const { dt, looks } = this.data.prediction;
     const series = unpack(this.data.prediction).map(({ first, values }, k) => {
-      const [name, policy, dashed, heavy] = looks[k];
+      const [name, policy, dashes, heavy, shown] = looks[k];
       return {
-        name, label: "", colour: `var(--policy-${policy})`, dash: dashed ? "4 3" : null, width: heavy ? 2.5 : 1.4,
+        name, label: "", colour: `var(--policy-${policy})`, dash: [null, "4 3", "9 3", "1 3"][dashes], width: heavy ? 2.5 : 1.4, hidden: !shown,
         x: [...values.keys()].map((i) => (first + i) * dt), y: [...values],
       };
     });

@@ -1,6 +1,8 @@
 /* Plan view of the road: boxes of all vehicles at one moment, seen by a camera that follows the AV. */
 
-const ROAD = { width: SMALL ? 640 : 1120, top: 30, bottom: 34, lateral: 2 };
+const ROAD = { width: SMALL ? 480 : 1120, top: 30, bottom: 34, lateral: 2 };
+/* How far behind and ahead of the AV others are kept in view [m]: on a small screen they would be specks. */
+const FARTHEST = SMALL ? [-80, 70] : [-190, 160];
 
 class RoadView {
   constructor(svg, data) {
@@ -15,10 +17,11 @@ class RoadView {
 
   /* Fix the stretch of road in view so that the vehicles of these plays stay inside it. */
   frame(plays) {
+    const [farthest, ahead] = FARTHEST;
     let back = -50, front = 50;
     const look = (relative) => {
-      if (relative > -190 && relative < back) back = relative;
-      if (relative < 160 && relative > front) front = relative;
+      if (relative > farthest && relative < back) back = relative;
+      if (relative < ahead && relative > front) front = relative;
     };
     const ego = plays[0].ego;
     for (let k = 0; k < ego.x.length; k += 5) {
@@ -84,7 +87,7 @@ class RoadView {
     for (let metre = first; metre < camera + this.front; metre += 20) {
       const x = this.x(metre, camera).toFixed(1);
       parts.push(mark("line", { class: "tick", x1: x, x2: x, y1: base, y2: base + 5 }));
-      if (metre % (SMALL ? 80 : 40) === 0 && x > 22 && x < ROAD.width - 22) parts.push(mark("text", { x, y: base + 18, "text-anchor": "middle" }, `${fixed(metre, 0)} m`));
+      if (metre % 40 === 0 && x > 22 && x < ROAD.width - 22) parts.push(mark("text", { x, y: base + 18, "text-anchor": "middle" }, `${fixed(metre, 0)} m`));
     }
     return parts;
   }
