@@ -50,9 +50,9 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 
 def small_studies(settings: Settings) -> Settings:
-    """The settings with one event to study, for the studies have tests of their own, and every start chosen."""
+    """The settings with one event to study, for the studies have tests of their own, and few starts chosen."""
     values = settings.model_dump(by_alias=True)
-    few = {"sample": 1, "start_sample": 25, "foresight_sample": 0, "solver_sample": 1, "solver_starts": 1}
+    few = {"sample": 1, "start_sample": 8, "foresight_sample": 0, "solver_sample": 1, "solver_starts": 1}
     few |= {"draws": 2, "replans": 1, "population": 8, "generations": 2, "horizons_s": (5.0,)}
     few |= {"multibody_sample": 1, "safety_sample": 4}
     values["validate"]["studies"] |= few
