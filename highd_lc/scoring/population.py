@@ -265,6 +265,12 @@ def ratio_of_sums(one: FloatArray, other: FloatArray) -> float:
     return float(one.sum() / total) if abs(total) > _NOTHING * added else np.nan
 
 
+def known_mean(values: FloatArray) -> float:
+    """Mean of what is known, NaN of nothing."""
+    known = values[~np.isnan(values)]
+    return float(known.mean()) if len(known) else np.nan
+
+
 def gain(local: float, benchmark: float) -> float:
     """Share of a benchmark's loss that a local optimum saves; NaN where the benchmark has none."""
     return float(1.0 - local / benchmark) if benchmark > 0.0 else np.nan
