@@ -69,10 +69,7 @@ synthesize: setup
 
 ## test         the tests
 # A file's tests stay together: they share what is made once for all of them.
-# A run first fills the kernel cache, so that the processes of the tests do not all compile the same kernels.
 test: setup-dev
-	@warm=$$(mktemp -d) && { $(HIGHD_LC) run --pipeline tests/faults/quick.toml --data tests/fixtures \
-	  --work "$$warm/work" --reports "$$warm/reports" >"$$warm/log" 2>&1 || cat "$$warm/log"; rm -rf "$$warm"; }
 	@$(BIN)/python -m pytest --numprocesses "$$WORKERS" --dist loadfile
 
 ## test-all     the tests on Python 3.11, 3.12 and 3.13, those that are there; ARGS="..." goes to pytest

@@ -18,15 +18,22 @@ hypothesis_settings.register_profile("repeatable", deadline=None, derandomize=Tr
 hypothesis_settings.load_profile("repeatable")
 
 
+_COMPILING = "faults/test_workers"
+"""Begun first of all: it makes the run that most others go on from, and compiles nearly all kernels for it."""
+_WITHOUT_KERNELS = (
+    "reporting/test_browser", "reporting/test_pages_prediction", "commands/test_make",
+    "reporting/test_pages_population", "reporting/test_figures_event",
+)  # fmt: skip
+"""Long ones for the other processes meanwhile: with an empty cache they would compile the same kernels."""
 _LONGEST = (
-    "faults/test_workers", "regression/test_recompute", "stages/test_validate_studies", "faults/test_no_events",
-    "faults/test_cluster", "faults/test_storage", "faults/test_resume", "stages/test_crosslinks",
-    "faults/test_streams", "stages/test_report_stage", "faults/test_stages_asked_for", "stages/test_own_model",
-    "stages/test_report_command", "drivers/test_genetic", "stages/test_extract", "reporting/test_browser",
-    "planning/test_safety", "stages/test_sumo", "api/test_door", "commands/test_multiverse_command",
+    "regression/test_recompute", "stages/test_validate_studies", "faults/test_no_events", "faults/test_cluster",
+    "faults/test_storage", "faults/test_resume", "stages/test_crosslinks", "faults/test_streams",
+    "stages/test_report_stage", "faults/test_stages_asked_for", "stages/test_own_model",
+    "stages/test_report_command", "drivers/test_genetic", "stages/test_extract", "planning/test_search",
+    "planning/test_start_planner", "stages/test_sumo", "api/test_door", "commands/test_multiverse_command",
     "stages/test_multiverse",
 )  # fmt: skip
-"""Files of tests that take longest: begun first, none of them is waited for at the end."""
+"""Files of tests that take longest: begun early, none of them is waited for at the end."""
 
 
 def pytest_configure(config: pytest.Config) -> None:
@@ -36,15 +43,16 @@ def pytest_configure(config: pytest.Config) -> None:
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """The longest files first, the others as they were."""
-    place = {f"tests/{name}.py": number for number, name in enumerate(_LONGEST)}
+    """Files that others wait for and the longest first, the others as they were."""
+    first = (_COMPILING, *_WITHOUT_KERNELS, *_LONGEST)
+    place = {f"tests/{name}.py": number for number, name in enumerate(first)}
     items.sort(key=lambda item: place.get(item.nodeid.partition("::")[0], len(place)))
 
 
 def small_studies(settings: Settings) -> Settings:
-    """The settings with one event to study, for the studies have tests of their own, and every start chosen."""
+    """The settings with one event to study, for the studies have tests of their own, and few starts chosen."""
     values = settings.model_dump(by_alias=True)
-    few = {"sample": 1, "start_sample": 25, "foresight_sample": 0, "solver_sample": 1, "solver_starts": 1}
+    few = {"sample": 1, "start_sample": 8, "foresight_sample": 0, "solver_sample": 1, "solver_starts": 1}
     few |= {"draws": 2, "replans": 1, "population": 8, "generations": 2, "horizons_s": (5.0,)}
     few |= {"multibody_sample": 1, "safety_sample": 4}
     values["validate"]["studies"] |= few

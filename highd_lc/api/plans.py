@@ -13,8 +13,9 @@ from highd_lc.planning import planner
 from highd_lc.planning.other_planners import Planner, ask, plans_of
 from highd_lc.stages.event_report import play_of
 from highd_lc.stages.scenes import surrounding
+from highd_lc.stages.tracking_tables import tracking_row
 from highd_lc.stages.validate import loss_row
-from highd_lc.stages.validate_samples import plan_row, tracking_row
+from highd_lc.stages.validate_samples import plan_row
 from highd_lc.vocab import names
 from highd_lc.vocab.errors import UsageError
 from highd_lc.vocab.tracking import KINEMATIC, PLANTS

@@ -20,7 +20,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from highd_lc.core.drive import UNBOUNDED, advance, bounded
-from highd_lc.core.kernels import UNALIASED
+from highd_lc.core.kernels import UNALIASED, kernel
 from highd_lc.core.lcm import idm_command, vector_exp
 
 FloatArray = NDArray[np.float64]
@@ -73,7 +73,7 @@ def new_scratch(n_samples: int) -> tuple[FloatArray, FloatArray]:
     return np.empty(_SCRATCH_ROWS * WIDTH), np.empty(SIMULATED * (n_samples + 1) * WIDTH)
 
 
-@njit(cache=True, nogil=True, fastmath={"contract"}, error_model="numpy", **UNALIASED)
+@kernel(fastmath={"contract"}, error_model="numpy", **UNALIASED)
 def load_tile(parameters: FloatArray, first: int, width: int, scratch: FloatArray) -> None:
     """Put candidates first .. first + width of parameters (6, n) into the scratch, divisions done once."""
     for i in range(width):
@@ -107,7 +107,7 @@ def _command(
     return bounded(A * (1.0 - v * inverse_v_desire - vector_exp(exponent)), hardest)
 
 
-@njit(cache=True, nogil=True, fastmath={"contract"}, error_model="numpy", **UNALIASED)
+@kernel(fastmath={"contract"}, error_model="numpy", **UNALIASED)
 def _delay_commands(k: int, width: int, scratch: FloatArray, states: FloatArray) -> None:
     """Accelerations acting at sample k: the commands of tau ago, linear between samples.
 
@@ -121,7 +121,7 @@ def _delay_commands(k: int, width: int, scratch: FloatArray, states: FloatArray)
         states[k * _NEXT + SIM_A * WIDTH + i] = recent + (back - whole) * (older - recent)
 
 
-@njit(cache=True, nogil=True, fastmath={"contract"}, error_model="numpy", **UNALIASED)
+@kernel(fastmath={"contract"}, error_model="numpy", **UNALIASED)
 def _step_idm(
     now: int,
     width: int,
@@ -150,7 +150,7 @@ def _step_idm(
         states[now + _NEXT + SIM_X * WIDTH + i] = x
 
 
-@njit(cache=True, nogil=True, fastmath={"contract"}, error_model="numpy", **UNALIASED)
+@kernel(fastmath={"contract"}, error_model="numpy", **UNALIASED)
 def simulate_closed_loop(
     track: FloatArray,
     width: int,
@@ -210,7 +210,7 @@ def simulate_closed_loop(
                 states[now + _NEXT + SIM_X * WIDTH + i] = x
 
 
-@njit(cache=True, nogil=True, fastmath={"contract"}, error_model="numpy", **UNALIASED)
+@kernel(fastmath={"contract"}, error_model="numpy", **UNALIASED)
 def simulate_open_loop(
     track: FloatArray, width: int, delayed: bool, hardest: float, scratch: FloatArray, states: FloatArray
 ) -> None:
@@ -249,7 +249,7 @@ def simulate_open_loop(
             scratch[ERROR_1 * WIDTH + i] += weight * error * error
 
 
-@njit(cache=True, nogil=True, fastmath={"contract"}, error_model="numpy", **UNALIASED)
+@kernel(fastmath={"contract"}, error_model="numpy", **UNALIASED)
 def evaluate_tile(
     problem: FitProblem,
     parameters: FloatArray,
@@ -279,7 +279,7 @@ def evaluate_tile(
         objectives[first + i] = objective
 
 
-@njit(cache=True, nogil=True, fastmath={"contract"}, error_model="numpy", **UNALIASED)
+@kernel(fastmath={"contract"}, error_model="numpy", **UNALIASED)
 def evaluate_population(
     problem: FitProblem, parameters: FloatArray, scratch: FloatArray, states: FloatArray, objectives: FloatArray
 ) -> None:

@@ -26,7 +26,7 @@ import numpy as np
 from numba import cfunc, njit, types
 from numpy.typing import NDArray
 
-from highd_lc.core.kernels import CALL_VALUES, call_at
+from highd_lc.core.kernels import CALL_VALUES, call_at, kernel
 from highd_lc.core.lcm import desired_spacing, idm_command, lcm_acceleration
 from highd_lc.vocab import names
 from highd_lc.vocab.errors import SettingsError
@@ -271,7 +271,7 @@ def jump(
     return max(had - spacing, 0.0), 0.0 if alone else v_old_leader - v_leader
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def drive_behind(
     x: float,
     v: float,

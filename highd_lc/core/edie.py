@@ -11,9 +11,9 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from highd_lc.core.kernels import kernel
 from highd_lc.vocab.errors import ShapeError
 
 FloatArray = NDArray[np.float64]
@@ -166,7 +166,7 @@ def traffic_states(density: FloatArray) -> NDArray[np.object_]:
     return np.asarray(words[np.where(np.isfinite(density), place, len(TRAFFIC_STATES))])
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def _clip_all(
     t: FloatArray,
     x: FloatArray,
@@ -182,7 +182,7 @@ def _clip_all(
                 _clip_segment(t[k], t[k + 1], x[k], x[k + 1], x_edges, t_edges, distance, time)
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def _clip_segment(
     t0: float,
     t1: float,

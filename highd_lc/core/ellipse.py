@@ -13,6 +13,8 @@ from typing import NamedTuple
 
 from numba import njit
 
+from highd_lc.core.kernels import kernel
+
 _DIRECTIONS = 24
 _STEP = 2.0 * math.pi / _DIRECTIONS
 _GOLDEN = 0.3819660112501051
@@ -44,7 +46,7 @@ def _separation(angle: float, pair: _Pair) -> float:
     return nearest - math.hypot(pair.a1 * along, pair.b1 * across) - math.hypot(pair.a2 * n_x, pair.b2 * n_y)
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def _best_about(angle: float, pair: _Pair) -> float:
     """Largest separation within a step about a direction, by golden section."""
     left, right = angle - _STEP, angle + _STEP
@@ -62,7 +64,7 @@ def _best_about(angle: float, pair: _Pair) -> float:
     return max(at_one, at_two)
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def swept_clearance(
     x0: float, y0: float, x1: float, y1: float, heading: float, a1: float, b1: float, a2: float, b2: float
 ) -> float:
@@ -93,7 +95,7 @@ def swept_clearance(
     return best
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _separate_clearance(
     dx: float, dy: float, cos: float, sin: float, a1: float, b1: float, a2: float, b2: float
 ) -> float:
@@ -127,7 +129,7 @@ def _separate_clearance(
     return math.nan
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def ellipse_clearance(dx: float, dy: float, heading: float, a1: float, b1: float, a2: float, b2: float) -> float:
     """Signed distance [m] between two ellipses at rest: ``swept_clearance`` with (dx, dy) at both ends.
 
@@ -142,7 +144,7 @@ def semi_axes(length: float, width: float) -> tuple[float, float]:
     return length / math.sqrt(2.0), width / math.sqrt(2.0)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel(error_model="numpy")
 def ellipses_overlap(
     dx: float, dy: float, cos: float, sin: float, a1: float, b1: float, a2: float, b2: float, margin: float = 0.0
 ) -> bool:
@@ -150,7 +152,7 @@ def ellipses_overlap(
     return ellipses_touch(dx, dy, dx, dy, cos, sin, a1, b1, a2, b2, margin)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel(error_model="numpy")
 def ellipses_touch(
     x0: float,
     y0: float,

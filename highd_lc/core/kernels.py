@@ -1,4 +1,10 @@
-"""A random stream for compiled kernels: SplitMix64 (Steele, Lea and Flood 2014), seeded from a numpy Generator.
+"""What compiled kernels have in common.
+
+How one is compiled:
+
+    @kernel(error_model="numpy", **UNALIASED)
+
+A random stream for compiled kernels: SplitMix64 (Steele, Lea and Flood 2014), seeded from a numpy Generator.
 
 The state is one word owned by the caller, so that a stream is the same in any thread and any process.
 
@@ -8,12 +14,13 @@ Without it LLVM checks before every inner loop whether what is written overlaps 
 memory in between: the planner's kernel takes 1.6 times as long, a least-squares fit 1.7 times. numba knows the
 flag, but ``njit`` does not offer it; so it is offered here, and left out where a version of numba has none.
 
-    @njit(cache=True, nogil=True, **UNALIASED)
+    @kernel(**UNALIASED)
 
 A call of a C function by its address, so that kernels that are compiled once can call what is given at run time.
 """
 
-from typing import Any
+from collections.abc import Callable
+from typing import Any, TypeVar, cast
 
 import numpy as np
 from llvmlite import ir
@@ -33,7 +40,19 @@ def _offered() -> dict[str, Any]:
 
 
 UNALIASED = _offered()
-"""Keyword arguments for ``njit``."""
+"""Keyword arguments for ``kernel``."""
+
+
+_Function = TypeVar("_Function", bound=Callable[..., Any])
+
+
+def kernel(**options: Any) -> Callable[[_Function], _Function]:
+    """A decorator: ``njit`` for a kernel that is kept from run to run and leaves the threads of Python free.
+
+    Without the wrapper by which C would call it: nobody does, and compiling all of them would take a tenth longer.
+    """
+    shared = {"cache": True, "nogil": True, "no_cfunc_wrapper": True} | options
+    return cast("Callable[[_Function], _Function]", njit(**shared))
 
 
 _GAMMA = np.uint64(0x9E3779B97F4A7C15)
@@ -56,14 +75,14 @@ def _mix(z: np.uint64) -> float:
     return float(np.int64(z >> _S11)) * 1.1102230246251565e-16
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def next_uniform(stream: NDArray[np.uint64]) -> float:
     """The stream's next number in [0, 1)."""
     stream[0] += _GAMMA
     return _mix(stream[0])
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def fill_uniform(stream: NDArray[np.uint64], target: NDArray[np.float64], first: int, count: int) -> None:
     """The stream's next count numbers in [0, 1) into target[first : first + count], vectorised."""
     start = stream[0]

@@ -17,6 +17,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from highd_lc.core.kernels import kernel
+
 FloatArray = NDArray[np.float64]
 
 # Median of the absolute value of a standard normal variable.
@@ -122,7 +124,7 @@ def _gains(window: int, degree: int, rate: float) -> tuple[tuple[FloatArray, flo
 IntArray = NDArray[np.int64]
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def known_spans(values: FloatArray) -> tuple[IntArray, FloatArray]:
     """Where the channels are known, and how fast they move there.
 
@@ -146,7 +148,7 @@ def known_spans(values: FloatArray) -> tuple[IntArray, FloatArray]:
     return spans, fastest
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def level_differences(values: FloatArray, spans: IntArray, steps: FloatArray) -> tuple[IntArray, NDArray[np.int8]]:
     """The first level of each channel, shape (m,), and the differences of all, one channel after the other.
 
@@ -174,7 +176,7 @@ def _known(value: float) -> float:
     return value if np.isfinite(value) else 0.0
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel(error_model="numpy")
 def hermite(t: FloatArray, x: FloatArray, v: FloatArray, grid: FloatArray) -> FloatArray:
     """Positions at grid times by cubic Hermite interpolation with the recorded speeds.
 

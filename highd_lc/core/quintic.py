@@ -23,6 +23,8 @@ from numba import njit
 from numba.extending import register_jitable
 from numpy.typing import NDArray
 
+from highd_lc.core.kernels import kernel
+
 FloatArray = NDArray[np.float64]
 Real = TypeVar("Real", float, FloatArray)
 """The shapes below serve numpy arrays as they are, and single numbers inside compiled kernels."""
@@ -83,7 +85,7 @@ def z_shape(u: Real) -> Real:
     return u * u * u * (10.0 + u * (6.0 * u - 15.0))
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def first_past(share: float, n: int) -> int:
     """First of the samples 0 .. n at which a plan has made that share of its lateral way: z(k / n) >= share.
 
@@ -207,7 +209,7 @@ def lateral_jerk(u: float, T: float, D: float, start: StartState) -> float:
     return way * (z_third(u) / (T * T * T)) + own
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel(error_model="numpy")
 def reaches(share: float, n: int, dt: float, D: float, start: StartState) -> int:
     """First of the samples 0 .. n, of dt [s], at which a plan has made that share of the way to y = D; n at last.
 
@@ -230,7 +232,7 @@ def sample(plan: Quintic, t: FloatArray) -> Samples:
     return Samples(t, *_sampled(np.asarray(t, np.float64), v0, D, T, x_final, v_end, plan.start))
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _sampled(
     t: FloatArray, v0: float, D: float, T: float, x_final: float, v_end: float, start: StartState
 ) -> FloatArray:
@@ -251,7 +253,7 @@ def _sampled(
     return rows
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def forward_extrema(alpha: float, beta: float, v0: float, T: float) -> tuple[float, float, float, float]:
     """Exact extrema over 0 <= t <= T: lowest and highest xdot [m/s], highest |xddot|, highest |xdddot|.
 
@@ -280,7 +282,7 @@ def forward_extrema(alpha: float, beta: float, v0: float, T: float) -> tuple[flo
     return v_low, v_high, a_high, j_high / T
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def _jerk_roots(alpha: float, beta: float) -> tuple[float, float]:
     """The u at which alpha z''' + beta q''' = 0; -1 where there is none."""
     a = 360.0 * alpha - 180.0 * beta
@@ -296,7 +298,7 @@ def _jerk_roots(alpha: float, beta: float) -> tuple[float, float]:
     return w / a, (c / w if w != 0.0 else -1.0)
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def speed_extrema(alpha: float, beta: float, v0: float, D: float, T: float) -> tuple[float, float]:
     """Extrema over 0 <= t <= T of the speed hypot(xdot, ydot) [m/s].
 

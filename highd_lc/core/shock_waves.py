@@ -10,9 +10,9 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from highd_lc.core.kernels import kernel
 from highd_lc.vocab.errors import ShapeError
 
 FloatArray = NDArray[np.float64]
@@ -108,7 +108,7 @@ def passage(x: FloatArray, deviation: FloatArray, *, dt: float, longest_lag: flo
     return Passage(lag * dt, moved, float(correlation[best]))
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _correlations(ahead: FloatArray, behind: FloatArray, longest: int) -> FloatArray:
     """Pearson correlation of the leader's deviation with the follower's k samples later, k = 0 .. longest."""
     found = np.zeros(longest + 1)

@@ -12,13 +12,15 @@ import math
 import numpy as np
 from numba import njit
 
+from highd_lc.core.kernels import kernel
+
 Axis = tuple[float, float, float, float, float, float]
 """Coefficients of 1, u, .., u^5 of a motion along an axis [m]."""
 _PARTS = 64
 _HALVINGS = 40
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def axis(p: float, v: float, a: float, p_end: float, v_end: float, T: float) -> Axis:
     """The motion from place p [m], speed v [m/s], acceleration a [m/s^2] to p_end, v_end and none within T [s]."""
     rest, faster, gone = p_end - p - v * T - 0.5 * a * T * T, (v_end - v) * T - a * T * T, -a * T * T
@@ -32,7 +34,7 @@ def axis(p: float, v: float, a: float, p_end: float, v_end: float, T: float) -> 
     )
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def rates(c: Axis, u: float, T: float) -> tuple[float, float, float]:
     """Speed [m/s], acceleration [m/s^2] and jerk [m/s^3] at u."""
     v = c[1] + u * (2.0 * c[2] + u * (3.0 * c[3] + u * (4.0 * c[4] + u * 5.0 * c[5])))
@@ -41,7 +43,7 @@ def rates(c: Axis, u: float, T: float) -> tuple[float, float, float]:
     return v / T, a / (T * T), j / (T * T * T)
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def _roots(a: float, b: float, c: float) -> tuple[float, float]:
     """Real roots of a u^2 + b u + c; -1 where there is none."""
     discriminant = b * b - 4.0 * a * c
@@ -54,7 +56,7 @@ def _roots(a: float, b: float, c: float) -> tuple[float, float]:
     return w / a, (c / w if w != 0.0 else -1.0)
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def axis_extrema(c: Axis, T: float) -> tuple[float, float, float, float]:
     """Exact extrema over 0 <= u <= 1: lowest and highest speed [m/s], highest |acceleration|, highest |jerk|."""
     v_low, a_high, j_high = rates(c, 0.0, T)
@@ -71,7 +73,7 @@ def axis_extrema(c: Axis, T: float) -> tuple[float, float, float, float]:
     return v_low, v_high, a_high, j_high
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def speed_range(x: Axis, y: Axis, T: float) -> tuple[float, float]:
     """Extrema of the speed [m/s], by bisection between the changes of sign of its slope on 64 intervals."""
     low, high = np.inf, 0.0
@@ -110,7 +112,7 @@ def _slope(x: Axis, y: Axis, u: float, T: float) -> float:
     return vx * ax + vy * ay
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel(error_model="numpy")
 def sharpest_turns(x: Axis, y: Axis, T: float) -> tuple[float, float]:
     """Largest |curvature| [1/m] and |yaw rate| [rad/s], at both ends and 63 moments between."""
     curvature, yaw_rate = 0.0, 0.0

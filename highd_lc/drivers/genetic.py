@@ -16,7 +16,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from highd_lc.core.car_following import FitProblem, evaluate_population, new_scratch, objectives_of
-from highd_lc.core.kernels import fill_uniform, new_stream, next_uniform
+from highd_lc.core.kernels import fill_uniform, kernel, new_stream, next_uniform
 
 FloatArray = NDArray[np.float64]
 
@@ -73,7 +73,7 @@ def spread_factor(reach: float, u: float) -> float:
     return math.sqrt(math.sqrt(math.sqrt(math.sqrt(value))))
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def mutated(x: float, lower: float, upper: float, u: float) -> float:
     """Polynomial mutation of a variable within its bounds for a uniform u."""
     width = upper - lower
@@ -88,7 +88,7 @@ def mutated(x: float, lower: float, upper: float, u: float) -> float:
     return float(min(max(x + shift * width, lower), upper))
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def _shuffle(order: IntArray, stream: Stream) -> None:
     """Fisher-Yates."""
     for i in range(len(order) - 1, 0, -1):
@@ -96,13 +96,13 @@ def _shuffle(order: IntArray, stream: Stream) -> None:
         order[i], order[j] = order[j], order[i]
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def _winner(a: int, b: int, objectives: FloatArray) -> int:
     """Binary tournament between two of a random permutation: between equals the first wins."""
     return a if objectives[a] <= objectives[b] else b
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel(error_model="numpy")
 def cross(width: int, lower: float, upper: float, pairs: FloatArray) -> None:
     """SBX of one variable of the pairs whose lot is below the share; its half decides who gets which value.
 
@@ -122,7 +122,7 @@ def cross(width: int, lower: float, upper: float, pairs: FloatArray) -> None:
         pairs[_SECOND * PAIRS + i] = (near if swapped else far) if crossed else x2
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel(error_model="numpy")
 def mutate(problem: FitProblem, width: int, probability: float, stream: Stream, pairs: FloatArray) -> None:
     """Mutate each variable of both children of the pairs with the given probability.
 
@@ -141,7 +141,7 @@ def mutate(problem: FitProblem, width: int, probability: float, stream: Stream, 
         pairs[j, i] = mutated(pairs[j, i], problem.lower[j], problem.upper[j], next_uniform(stream))
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def _keep(
     pairs: FloatArray,
     width: int,
@@ -166,7 +166,7 @@ def _keep(
     return n
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def breed(
     problem: FitProblem,
     parents: FloatArray,
@@ -204,7 +204,7 @@ def breed(
         kept = _keep(pairs, width, mates, parents, children, kept, attempt >= _MOST_BATCHES // 2)
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def _select(values: FloatArray, rank: int) -> float:
     """The value of the given rank (0 = smallest); values are reordered (Hoare's quickselect)."""
     low, high = 0, len(values) - 1
@@ -229,7 +229,7 @@ def _select(values: FloatArray, rank: int) -> float:
     return float(values[rank])
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def _survive(
     parents: FloatArray,
     objectives: FloatArray,
@@ -260,7 +260,7 @@ def _survive(
         donor += 1
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def _evolve(
     problem: FitProblem,
     parents: FloatArray,

@@ -16,7 +16,6 @@ from functools import cache
 from typing import Final
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from highd_lc.core.car_following import (
@@ -36,7 +35,7 @@ from highd_lc.core.car_following import (
     new_scratch,
     objectives_of,
 )
-from highd_lc.core.kernels import UNALIASED
+from highd_lc.core.kernels import UNALIASED, kernel
 from highd_lc.drivers.genetic import Optimum
 
 _BITS: Final = 30
@@ -83,7 +82,7 @@ _HESSIAN, _GRADIENT, _RESIDUAL, _DERIVATIVE = 0, 21, 27, 29
 _ROWS = 41
 
 
-@njit(cache=True, nogil=True, error_model="numpy", **UNALIASED)
+@kernel(error_model="numpy", **UNALIASED)
 def _spread_candidates(problem: FitProblem, n: int, trial: FloatArray, candidates: FloatArray) -> None:
     """Candidates of n starts: the trial points, then for each parameter the points displaced in it."""
     for j in range(6):
@@ -95,7 +94,7 @@ def _spread_candidates(problem: FitProblem, n: int, trial: FloatArray, candidate
             candidates[j, (1 + j) * STARTS + s] += step if inside else -step
 
 
-@njit(cache=True, nogil=True, fastmath={"contract"}, error_model="numpy", **UNALIASED)
+@kernel(fastmath={"contract"}, error_model="numpy", **UNALIASED)
 def _accumulate(
     first: int, recorded: float, states: FloatArray, scales: FloatArray, inverse: FloatArray, normal: FloatArray
 ) -> None:
@@ -122,7 +121,7 @@ def _accumulate(
                 place += 1
 
 
-@njit(cache=True, nogil=True, error_model="numpy", **UNALIASED)
+@kernel(error_model="numpy", **UNALIASED)
 def _linearise(
     problem: FitProblem,
     trial: FloatArray,
@@ -160,7 +159,7 @@ def _linearise(
             normal[(j * (j + 3) // 2) * STARTS + s] += 2.0 * problem.strength[j]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _solve_free(matrix: FloatArray, right: FloatArray, free: NDArray[np.bool_], step: FloatArray) -> None:
     """Solve matrix step = right for the free components by Cholesky; the others of step are given (6, 6)."""
     factor, solution = np.empty((6, 6)), np.empty(6)
@@ -192,7 +191,7 @@ def _solve_free(matrix: FloatArray, right: FloatArray, free: NDArray[np.bool_], 
             step[i] = value / factor[i, i]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _bounded_step(
     problem: FitProblem,
     equations: FloatArray,
@@ -228,7 +227,7 @@ def _bounded_step(
             return
 
 
-@njit(cache=True, nogil=True, error_model="numpy", **UNALIASED)
+@kernel(error_model="numpy", **UNALIASED)
 def _descend(
     problem: FitProblem,
     points: FloatArray,

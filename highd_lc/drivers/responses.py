@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from highd_lc.core.car_following import Simulated as Simulated
 from highd_lc.core.drive import IDM, LCM, advance, family_code, follower_command, jump
-from highd_lc.core.kernels import UNALIASED, plain
+from highd_lc.core.kernels import UNALIASED, kernel, plain
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -223,21 +223,21 @@ def _simulate(
             m[r] *= kept[r]
 
 
-@njit(cache=True, nogil=True, error_model="numpy", **UNALIASED)
+@kernel(error_model="numpy", **UNALIASED)
 def _simulate_lcm(
     p: Behaviours, joins: IntArray, ahead: Ahead, x0: FloatArray, v0: FloatArray, hardest: float, out: Simulated
 ) -> None:
     _simulate(LCM, p, joins, ahead, x0, v0, hardest, out)
 
 
-@njit(cache=True, nogil=True, error_model="numpy", **UNALIASED)
+@kernel(error_model="numpy", **UNALIASED)
 def _simulate_idm(
     p: Behaviours, joins: IntArray, ahead: Ahead, x0: FloatArray, v0: FloatArray, hardest: float, out: Simulated
 ) -> None:
     _simulate(IDM, p, joins, ahead, x0, v0, hardest, out)
 
 
-@njit(cache=True, nogil=True, error_model="numpy", **UNALIASED)
+@kernel(error_model="numpy", **UNALIASED)
 def _simulate_any(
     family: int, p: Behaviours, joins: IntArray, ahead: Ahead, x0: FloatArray, v0: FloatArray, hardest: float,
     out: Simulated,
@@ -312,7 +312,7 @@ def _drive_sets(
                 s[_M * SETS + w] = m * s[_KEPT * SETS + w]
 
 
-@njit(cache=True, nogil=True, error_model="numpy", **UNALIASED)
+@kernel(error_model="numpy", **UNALIASED)
 def _sets_of_lcm(
     sets: Behaviours, ahead: Ahead, joins: IntArray, start: FloatArray, every: int, hardest: float, s: FloatArray,
     out: FloatArray,
@@ -320,7 +320,7 @@ def _sets_of_lcm(
     _drive_sets(LCM, sets, ahead, joins, start, every, hardest, s, out)
 
 
-@njit(cache=True, nogil=True, error_model="numpy", **UNALIASED)
+@kernel(error_model="numpy", **UNALIASED)
 def _sets_of_idm(
     sets: Behaviours, ahead: Ahead, joins: IntArray, start: FloatArray, every: int, hardest: float, s: FloatArray,
     out: FloatArray,

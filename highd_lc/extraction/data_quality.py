@@ -7,9 +7,9 @@ differences of neighbouring positions disagree with the speeds by 1.2 m/s, but t
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from highd_lc.core.kernels import kernel
 from highd_lc.extraction.track_index import TrackIndex, find_row, find_rows
 
 FloatArray = NDArray[np.float64]
@@ -55,7 +55,7 @@ def vehicle_facts(
     return VehicleFacts(*found, travelled=x[index.starts[1:] - 1] - x[index.starts[:-1]])
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def _facts(
     starts: IntArray,
     frame: IntArray,
@@ -130,7 +130,7 @@ def disagreement(
 _SUM, _COUNT = range(2)
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def _disagree(
     starts: IntArray,
     frame: IntArray,
@@ -208,7 +208,7 @@ def seconds_of(index: TrackIndex, *, frame_rate: float) -> Seconds:
     return Seconds(vehicle[:n], first[:n], first[:n] + frames, frames)
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def _seconds(starts: IntArray, frame: IntArray, frames: int, vehicles: IntArray, windows: IntArray) -> int:
     """Fill in the windows. Returns how many."""
     n = 0
@@ -224,7 +224,7 @@ def _seconds(starts: IntArray, frame: IntArray, frames: int, vehicles: IntArray,
     return n
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def means(column: FloatArray, first: IntArray, frames: int) -> FloatArray:
     """Mean of a column over windows by the trapezoidal rule. column: of shape (rows,); first: first row of each
     window, shape (windows,); frames: of a window. Returns shape (windows,).
@@ -273,7 +273,7 @@ def neighbours(
     return Neighbours(vehicle, row, leader, follower)
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def _rows_of_frames(
     starts: IntArray, frame: IntArray, lane: IntArray, every: int, vehicles: IntArray, rows: IntArray
 ) -> int:

@@ -13,9 +13,9 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from highd_lc.core.kernels import kernel
 from highd_lc.extraction.lateral_motion import Path, Rule, first_rest, leaves_moving, smoothed
 from highd_lc.extraction.roles import NOBODY, Maneuver, Roles, Successor, find_roles, successors
 from highd_lc.extraction.track_index import ABSENT, TIE, Traffic, find_row, unbroken
@@ -367,7 +367,7 @@ def calibration_rows(traffic: Traffic, follower: int, leader: int, *, lane: int,
     return slice(int(first), int(stop))
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def _longest_run(
     starts: IntArray,
     frame: IntArray,

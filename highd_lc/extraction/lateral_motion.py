@@ -8,9 +8,9 @@ is as narrow as the noise of the positions allows, for a wide one smears short m
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from highd_lc.core.kernels import kernel
 from highd_lc.core.kinematics import local_polynomial, narrowest_window, noise_gain, white_noise
 from highd_lc.extraction.track_index import ABSENT, TIE
 
@@ -110,7 +110,7 @@ def leaves_moving(path: Path, rule: Rule, sample: int) -> bool:
     return abs(float(np.mean(outermost))) >= _EDGE_SPEED_SHARE * rule.speed - TIE
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def first_rest(
     towards: FloatArray, first: int, count: int, step: int, open_ended: bool, needed: int, limits: FloatArray
 ) -> int:

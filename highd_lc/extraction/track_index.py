@@ -8,8 +8,9 @@ biased or in another unit, which a check of its own finds.
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from highd_lc.core.kernels import kernel
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -20,7 +21,7 @@ ABSENT = -1
 TIE = 1e-6
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def find_row(starts: IntArray, frames: IntArray, vehicle: int, frame: int) -> int:
     """Row of a vehicle in a frame, -1 if it is not in view.
 
@@ -36,7 +37,7 @@ def find_row(starts: IntArray, frames: IntArray, vehicle: int, frame: int) -> in
     return row if frames[row] == frame else -1
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def find_rows(starts: IntArray, frames: IntArray, vehicles: IntArray, wanted: IntArray) -> IntArray:
     """Rows of vehicles in a frame each, -1 where one is not in view; all of shape (n,)."""
     rows = np.empty(len(vehicles), dtype=np.int64)
@@ -158,7 +159,7 @@ def breaks(index: TrackIndex, x: FloatArray, y: FloatArray, *, rate: float) -> I
     return np.flatnonzero(found)
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def _mark(
     starts: IntArray, frame: IntArray, x: FloatArray, half: int, limit: float, found: NDArray[np.bool_]
 ) -> None:
@@ -175,7 +176,7 @@ def _mark(
             first = stop
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def _mark_jumps(x: FloatArray, first: int, stop: int, half: int, limit: float, found: NDArray[np.bool_]) -> None:
     """Mark the rows of an unbroken run before which x jumps."""
     for row in range(first + 1, stop):

@@ -14,9 +14,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from highd_lc.core.kernels import kernel
 from highd_lc.extraction.track_index import TrackIndex, find_rows
 from highd_lc.io.highd_csv import Field, fault, read_columns
 from highd_lc.io.plain_numbers import EVERY
@@ -338,7 +338,7 @@ def _offsets(meta: RecordingMeta, vehicles: VehicleMetas, end: float) -> FloatAr
     )
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def _convert(
     starts: IntArray,
     signs: FloatArray,

@@ -16,17 +16,15 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from highd_lc.extraction.track_index import TrackIndex
 from highd_lc.io.highd import Recording
 from highd_lc.io.highd_csv import fault
-from highd_lc.io.highd_tables import RecordingMeta, Road, Samples, Tracks, VehicleMetas
+from highd_lc.io.highd_tables import Samples, Tracks, VehicleMetas
 from highd_lc.io.ngsim_files import FIELDS, FRAME_MS, Block, Period, blocks, first_fault
 from highd_lc.io.plain_numbers import EVERY
 from highd_lc.io.unmarked import (
     RATE,
     Rows,
-    lane_changes,
-    mismatches,
+    recording_of,
     rows_of,
     slope,
     smooth,
@@ -71,13 +69,17 @@ def read_recording(period: Period, number: int, smoothing: str) -> Recording:
         raise fault(period.path, f"recording {number}: nobody drives on a main lane", column="Lane_ID")
     along = FOOT * rows.columns["Local_Y"]
     x_left, edges, bent = straightened(FOOT * rows.columns["Local_X"], along, lanes, index=rows.index)
-    length = FOOT * _first(rows, "v_Length")
+    length = FOOT * rows.first("v_Length")
     centre = along - np.repeat(length, rows.index.counts) / 2.0
     tracks, smoothed = _tracks(rows, centre, edges[-1] - x_left, lanes, smoothing)
-    riders = int((_first(rows, "v_Class") == _MOTORCYCLE).sum())
+    riders = int((rows.first("v_Class") == _MOTORCYCLE).sum())
     counted = [f"{riders} motorcycles count as cars"] * (riders > 0)
     notes = (*rows.notes, *dropped, *counted, *bent, *smoothed)
-    return _recording(period, number, rows, tracks, edges, notes)
+    classes = np.where(rows.first("v_Class") == _TRUCK, names.TRUCK, names.CAR)
+    boxes = length, FOOT * rows.first("v_Width"), classes
+    found = recording_of(number, rows, tracks, path=period.path, edges=edges, boxes=boxes, notes=notes)
+    meta = replace(found.meta, location=_LOCATIONS.get(period.location, 0))
+    return replace(found, meta=meta, samples=_samples(rows, found.vehicles))
 
 
 # --- rows ---
@@ -148,12 +150,6 @@ def _renamed(columns: Block, name: str, ids: IntArray, own: IntArray, inverse: I
     return found
 
 
-def _first(rows: Rows, name: str) -> FloatArray:
-    """A column's value in the first row of each vehicle, (vehicles,)."""
-    values: FloatArray = rows.columns[name][rows.index.starts[:-1]]
-    return values
-
-
 # --- lanes ---
 
 
@@ -171,13 +167,11 @@ def _on_main_lanes(rows: Rows, lanes: IntArray) -> tuple[Rows, IntArray, list[st
     on = np.maximum.reduceat(lanes, rows.index.starts[:-1]) > 0
     if on.all():
         return rows, lanes, []
-    kept = np.repeat(on, rows.index.counts)
-    columns = {name: values[kept] for name, values in rows.columns.items()}
+    found = rows.only(on)
     for name in ("Preceding", "Following"):
-        columns[name] = np.where(np.isin(columns[name], rows.ids[on]), columns[name], 0.0)
-    index = TrackIndex.of(np.repeat(rows.ids, rows.index.counts)[kept], rows.index.frame[kept])
+        found.columns[name] = np.where(np.isin(found.columns[name], found.ids), found.columns[name], 0.0)
     text = f"{int((~on).sum())} vehicles are on auxiliary lanes and ramps alone and are left out"
-    return Rows(columns, index, rows.ids[on], rows.duplicates[on], rows.notes), lanes[kept], [text]
+    return found, lanes[np.repeat(on, rows.index.counts)], [text]
 
 
 # --- motion ---
@@ -203,37 +197,6 @@ def _tracks(rows: Rows, x: FloatArray, y: FloatArray, lanes: IntArray, smoothing
     leader, follower = (np.where(np.isin(ids, rows.ids), ids, 0) for ids in neighbours)
     from_right = np.where(lanes > 0, most + 1 - lanes, 0)
     return Tracks(rows.index, x, y, vx, vy, ax, ay, from_right, leader, follower), notes
-
-
-# --- the recording ---
-
-
-def _recording(
-    period: Period, number: int, rows: Rows, tracks: Tracks, edges: FloatArray, notes: tuple[str, ...]
-) -> Recording:
-    index, n = rows.index, len(rows.ids)
-    length, width = FOOT * _first(rows, "v_Length"), FOOT * _first(rows, "v_Width")
-    unknown = np.full(n, np.nan)
-    metas = VehicleMetas(
-        id=rows.ids,
-        length=length,
-        width=width,
-        first_frame=index.frame[index.starts[:-1]],
-        last_frame=index.frame[index.starts[1:] - 1],
-        n_frames=index.counts,
-        vehicle_class=np.where(_first(rows, "v_Class") == _TRUCK, names.TRUCK, names.CAR),
-        direction=np.full(n, 2),
-        travelled=unknown,
-        min_gap=unknown,
-        min_time_gap=unknown,
-        n_lane_changes=lane_changes(index, tracks.lane),
-    )
-    half = np.repeat(length, index.counts) / 2.0
-    extent = np.array([float((tracks.x - half).min()), float((tracks.x + half).max())])
-    meta = RecordingMeta(RATE, _LOCATIONS.get(period.location, 0), upper=np.empty(0), lower=edges)
-    road = Road(tracks, np.stack([extent, extent]), mismatches(index, tracks, edges))
-    told = tuple(f"{period.path.name}: recording {number:02d}: {note}" for note in notes)
-    return Recording(number, meta, metas, road, rows.duplicates, _samples(rows, metas), told)
 
 
 def _samples(rows: Rows, metas: VehicleMetas) -> Samples:

@@ -18,6 +18,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from highd_lc.core.kernels import kernel
+
 IntArray = NDArray[np.int64]
 FloatArray = NDArray[np.float64]
 _Bytes = NDArray[np.uint8]
@@ -175,7 +177,7 @@ def _number(buffer: _Bytes, at: _Int, decimal: bool) -> tuple[_Int, _Int, _Int]:
     return (-number if negative else number), decimals, (at if plain else _GAVE_UP)
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def _parse(
     buffer: _Bytes,
     words: _Words,
@@ -236,7 +238,7 @@ def _parse(
     return row, int(at)
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def _sample(
     buffer: _Bytes, words: _Words, lines: IntArray, columns: IntArray, sampled: FloatArray, powers: FloatArray
 ) -> None:

@@ -14,9 +14,9 @@ from typing import Any, BinaryIO
 
 import numpy as np
 import pandas as pd
-from numba import njit
 from numpy.typing import NDArray
 
+from highd_lc.core.kernels import kernel
 from highd_lc.io.atomic import whole_file
 from highd_lc.io.synthetic_highd import (
     HAS_DECIMALS,
@@ -257,7 +257,7 @@ def _write_rows(file: BinaryIO, table: NDArray[np.int32], decimals: NDArray[np.b
         file.write(buffer[:size].data)
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def _format_rows(table: NDArray[np.int32], decimals: NDArray[np.bool_], buffer: NDArray[np.uint8]) -> int:
     """Print the rows into the buffer; returns the number of bytes."""
     at = 0
@@ -282,7 +282,7 @@ def _format_rows(table: NDArray[np.int32], decimals: NDArray[np.bool_], buffer: 
     return at
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def _put_digits(value: np.int64, buffer: NDArray[np.uint8], at: int) -> int:
     """Print a number that is not negative; returns where it ends."""
     digits, limit = 1, 10

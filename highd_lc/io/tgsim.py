@@ -8,25 +8,22 @@ What TGSIM does not say is worked out (equations.md 16.14): the way of the road,
 speeds and accelerations. A road that bends is refused: its coordinates would need the centre lines.
 """
 
-from dataclasses import replace
 from itertools import pairwise
 from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from highd_lc.extraction.track_index import TrackIndex
 from highd_lc.io.highd import Recording
 from highd_lc.io.highd_csv import fault
-from highd_lc.io.highd_tables import RecordingMeta, Road, Samples, Tracks, VehicleMetas
+from highd_lc.io.highd_tables import Tracks
 from highd_lc.io.tgsim_files import FIELDS, RUN, TYPE, Run, blocks, first_fault
 from highd_lc.io.unmarked import (
     BIN_M,
     RATE,
     Block,
     Rows,
-    lane_changes,
-    mismatches,
+    recording_of,
     rows_of,
     slope,
     straightened,
@@ -74,7 +71,8 @@ def read_recording(run: Run, number: int) -> Recording:
     x_left, edges, bent = straightened(-left, along, lanes, index=rows.index)
     tracks = _tracks(rows, along, edges[-1] - x_left, lanes)
     notes = (*shifted, *rows.notes, *turned, *partial, *_order_told(numbers, lanes), *bent)
-    return _recording(run, number, rows, tracks, edges, notes)
+    boxes = _median(rows, "length_smoothed"), _median(rows, "width_smoothed"), rows.first("class")
+    return recording_of(number, rows, tracks, path=run.path, edges=edges, boxes=boxes, notes=notes)
 
 
 # --- rows ---
@@ -145,7 +143,7 @@ def _along_the_road(rows: Rows, run: Run, number: int) -> tuple[Rows, FloatArray
     against = (x[last] - x[first]) * way[0] + (y[last] - y[first]) * way[1] < 0.0
     told = []
     if against.any():
-        rows = _without(rows, against)
+        rows = rows.only(~against)
         told = [f"{int(against.sum())} vehicles drive against the others and are left out"]
         way = _way(rows)
         x, y = rows.columns["xloc_kf"], rows.columns["yloc_kf"]
@@ -168,15 +166,6 @@ def _way(rows: Rows) -> FloatArray:
     way = moved[:, main @ moved > 0.0].sum(axis=1)
     length = float(np.hypot(*way))
     return np.asarray(way / length if length > 0.0 else main)
-
-
-def _without(rows: Rows, gone: BoolArray) -> Rows:
-    """The rows without some vehicles, (vehicles,)."""
-    kept = ~np.repeat(gone, rows.index.counts)
-    columns = {name: values[kept] for name, values in rows.columns.items()}
-    ids = np.repeat(rows.ids, rows.index.counts)[kept]
-    index = TrackIndex.of(ids, rows.index.frame[kept])
-    return replace(rows, columns=columns, index=index, ids=rows.ids[~gone], duplicates=rows.duplicates[~gone])
 
 
 def _refuse_bend(run: Run, number: int, rows: Rows, *, along: FloatArray, left: FloatArray) -> None:
@@ -244,7 +233,7 @@ def _order_told(numbers: FloatArray, lanes: IntArray) -> list[str]:
     return ["lane_kf does not ascend from left to right: if y grows up in this file, left and right are exchanged"]
 
 
-# --- the recording ---
+# --- motion ---
 
 
 def _tracks(rows: Rows, x: FloatArray, y: FloatArray, lanes: IntArray) -> Tracks:
@@ -271,35 +260,6 @@ def _neighbours(rows: Rows, x: FloatArray, lane: IntArray) -> tuple[IntArray, In
     leader[order[:-1][same]] = ids[order[1:][same]]
     follower[order[1:][same]] = ids[order[:-1][same]]
     return leader, follower
-
-
-def _recording(
-    run: Run, number: int, rows: Rows, tracks: Tracks, edges: FloatArray, notes: tuple[str, ...]
-) -> Recording:
-    index, n = rows.index, len(rows.ids)
-    length, width = (_median(rows, name) for name in ("length_smoothed", "width_smoothed"))
-    unknown = np.full(n, np.nan)
-    metas = VehicleMetas(
-        id=rows.ids,
-        length=length,
-        width=width,
-        first_frame=index.frame[index.starts[:-1]],
-        last_frame=index.frame[index.starts[1:] - 1],
-        n_frames=index.counts,
-        vehicle_class=rows.columns["class"][index.starts[:-1]],
-        direction=np.full(n, 2),
-        travelled=unknown,
-        min_gap=unknown,
-        min_time_gap=unknown,
-        n_lane_changes=lane_changes(index, tracks.lane),
-    )
-    half = np.repeat(length, index.counts) / 2.0
-    extent = np.array([float((tracks.x - half).min()), float((tracks.x + half).max())])
-    road = Road(tracks, np.stack([extent, extent]), mismatches(index, tracks, edges))
-    told = tuple(f"{run.path.name}: recording {number:02d}: {note}" for note in notes)
-    meta = RecordingMeta(RATE, 0, upper=np.empty(0), lower=edges)
-    nothing, whole = np.empty(0), np.empty(0, dtype=np.int64)
-    return Recording(number, meta, metas, road, rows.duplicates, Samples(whole, whole, *(nothing,) * 3), told)
 
 
 def _median(rows: Rows, name: str) -> FloatArray:

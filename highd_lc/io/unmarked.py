@@ -4,14 +4,16 @@ Formats that name a lane in each row, and neither markings nor lateral speeds, s
 """
 
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from highd_lc.core.kernels import kernel
 from highd_lc.extraction.track_index import TrackIndex, breaks
-from highd_lc.io.highd_tables import Tracks
+from highd_lc.io.highd import Recording
+from highd_lc.io.highd_tables import RecordingMeta, Road, Samples, Tracks, VehicleMetas
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -40,6 +42,17 @@ class Rows:
     ids: IntArray
     duplicates: IntArray
     notes: tuple[str, ...]
+
+    def only(self, kept: BoolArray) -> "Rows":
+        """The rows of some vehicles, (vehicles,)."""
+        chosen = np.repeat(kept, self.index.counts)
+        columns = {name: values[chosen] for name, values in self.columns.items()}
+        index = TrackIndex.of(np.repeat(self.ids, self.index.counts)[chosen], self.index.frame[chosen])
+        return Rows(columns, index, self.ids[kept], self.duplicates[kept], self.notes)
+
+    def first(self, name: str) -> NDArray[Any]:
+        """A column's value in the first row of each vehicle, (vehicles,)."""
+        return self.columns[name][self.index.starts[:-1]]
 
 
 def rows_of(columns: Block, ids: IntArray, frame: IntArray) -> Rows:
@@ -148,7 +161,7 @@ def unbroken_runs(index: TrackIndex, x: FloatArray, y: FloatArray) -> IntArray:
     return np.union1d(index.starts, breaks(index, x, y, rate=RATE))
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def slope(parts: IntArray, values: FloatArray) -> FloatArray:
     """Change of values a second [unit/s], by central differences within each run, one-sided at its ends."""
     out = np.zeros(len(values))
@@ -161,7 +174,7 @@ def slope(parts: IntArray, values: FloatArray) -> FloatArray:
     return out
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def smooth(parts: IntArray, values: FloatArray, width: float) -> FloatArray:
     """Exponentially weighted local lines of each run (equations.md 16.13).
 
@@ -185,7 +198,47 @@ def smooth(parts: IntArray, values: FloatArray, width: float) -> FloatArray:
     return out
 
 
-def lane_changes(index: TrackIndex, lane: IntArray) -> IntArray:
+def recording_of(
+    number: int,
+    rows: Rows,
+    tracks: Tracks,
+    *,
+    path: Path,
+    edges: FloatArray,
+    boxes: tuple[FloatArray, FloatArray, NDArray[np.str_]],
+    notes: tuple[str, ...],
+) -> Recording:
+    """A recording of a single carriageway, direction 2, without location or samples for cross-checks.
+
+    edges: markings from the left edge on [m]; boxes: length and width [m] and class of each vehicle; notes: what
+    reading left out or changed, told with path and number.
+    """
+    length, width, vehicle_class = boxes
+    index, unknown = rows.index, np.full(len(rows.ids), np.nan)
+    metas = VehicleMetas(
+        id=rows.ids,
+        length=length,
+        width=width,
+        first_frame=index.frame[index.starts[:-1]],
+        last_frame=index.frame[index.starts[1:] - 1],
+        n_frames=index.counts,
+        vehicle_class=vehicle_class,
+        direction=np.full(len(rows.ids), 2),
+        travelled=unknown,
+        min_gap=unknown,
+        min_time_gap=unknown,
+        n_lane_changes=_lane_changes(index, tracks.lane),
+    )
+    half = np.repeat(length, index.counts) / 2.0
+    extent = np.array([float((tracks.x - half).min()), float((tracks.x + half).max())])
+    road = Road(tracks, np.stack([extent, extent]), _mismatches(index, tracks, edges))
+    told = tuple(f"{path.name}: recording {number:02d}: {note}" for note in notes)
+    meta = RecordingMeta(RATE, 0, upper=np.empty(0), lower=edges)
+    nothing, whole = np.empty(0), np.empty(0, dtype=np.int64)
+    return Recording(number, meta, metas, road, rows.duplicates, Samples(whole, whole, *(nothing,) * 3), told)
+
+
+def _lane_changes(index: TrackIndex, lane: IntArray) -> IntArray:
     """Changes of lane of each vehicle: the file does not count them, so that nothing is held against it."""
     changed = np.diff(lane, prepend=lane[:1]) != 0
     changed[index.starts[:-1]] = False
@@ -193,7 +246,7 @@ def lane_changes(index: TrackIndex, lane: IntArray) -> IntArray:
     return counts
 
 
-def mismatches(index: TrackIndex, tracks: Tracks, edges: FloatArray) -> IntArray:
+def _mismatches(index: TrackIndex, tracks: Tracks, edges: FloatArray) -> IntArray:
     """Rows of each vehicle on a main lane whose box centre is between other markings."""
     markings = (edges[-1] - edges)[::-1]
     by_position = np.clip(np.searchsorted(markings, tracks.y), 1, len(markings) - 1)

@@ -25,7 +25,7 @@ from highd_lc.core.drive import (
     jump,
     remembered,
 )
-from highd_lc.core.kernels import UNALIASED, plain
+from highd_lc.core.kernels import UNALIASED, kernel, plain
 from highd_lc.core.losses import LossTerms
 from highd_lc.core.quintic import reaches
 from highd_lc.planning.candidates_av import drive_av
@@ -119,7 +119,7 @@ def new_outcomes(shape: tuple[int, ...]) -> Outcomes:
     return Outcomes(av_T, av_H, hv_T, hv_H, contact, role, unsafe)
 
 
-@njit(cache=True, nogil=True, **UNALIASED)
+@kernel(**UNALIASED)
 def evaluate_into(
     n: IntArray,
     delta: FloatArray,
@@ -308,7 +308,7 @@ def _driving(family: int, reacts: bool) -> Any:
     and its smallest spacing to whom it follows (to the AV: from the crossing on).
     """
 
-    @njit(cache=True, nogil=True, error_model="numpy", **UNALIASED)
+    @kernel(error_model="numpy", **UNALIASED)
     def drive(
         i: int,
         n: int,
@@ -332,7 +332,7 @@ _drive_bare_lcm, _drive_lcm, _drive_idm = _driving(LCM, False), _driving(LCM, Tr
 _drive_any = _driving(-1, True)
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def _drive_follower(
     i: int,
     n: int,

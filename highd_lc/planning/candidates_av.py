@@ -1,11 +1,10 @@
 """The AV of a tile of candidate plans: the plan, then the drive after T, with what both cost it."""
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from highd_lc.core.drive import advance, gentle, lcm_command
-from highd_lc.core.kernels import UNALIASED
+from highd_lc.core.kernels import UNALIASED, kernel
 from highd_lc.core.losses import LossTerms
 from highd_lc.core.quintic import (
     lateral,
@@ -26,7 +25,7 @@ from highd_lc.planning.scene import PackedScene
 FloatArray = NDArray[np.float64]
 
 
-@njit(cache=True, nogil=True, error_model="numpy", **UNALIASED)
+@kernel(error_model="numpy", **UNALIASED)
 def drive_av(
     n: int,
     state: FloatArray,

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from highd_lc.core.drive import lcm_step
 from highd_lc.core.ellipse import ellipses_touch
-from highd_lc.core.kernels import UNALIASED
+from highd_lc.core.kernels import UNALIASED, kernel
 from highd_lc.core.quintic import lateral, q_rate, r_rate, z_rate
 from highd_lc.planning.scene import PackedScene
 from highd_lc.vocab import names
@@ -57,7 +57,7 @@ def _lane_of(roles: tuple[str, ...]) -> list[str]:
     return [role for role in roles if role not in (names.ORIGIN_LEADER, names.ORIGIN_FOLLOWER)]
 
 
-@njit(cache=True, nogil=True, error_model="numpy", **UNALIASED)
+@kernel(error_model="numpy", **UNALIASED)
 def lateral_motion(
     n: int, state: FloatArray, scene: PackedScene, y: FloatArray, vy: FloatArray, reach: FloatArray
 ) -> None:
@@ -114,7 +114,7 @@ def _course(vx: float, vy: float) -> tuple[float, float]:
     return vx / speed, vy / speed
 
 
-@njit(cache=True, nogil=True, error_model="numpy", **UNALIASED)
+@kernel(error_model="numpy", **UNALIASED)
 def _record(
     k: int,
     w: int,
@@ -140,7 +140,7 @@ def _record(
         contact[w], role[w] = k, who
 
 
-@njit(cache=True, nogil=True, error_model="numpy", **UNALIASED)
+@kernel(error_model="numpy", **UNALIASED)
 def meet_leaders(
     n: int,
     scene: PackedScene,
@@ -173,7 +173,7 @@ def meet_leaders(
                     _record(k, w, i, before, now, a2, b2, scene, contact, role)
 
 
-@njit(cache=True, nogil=True, error_model="numpy", **UNALIASED)
+@kernel(error_model="numpy", **UNALIASED)
 def _meet_behind(
     last: int,
     who: int,
@@ -214,7 +214,7 @@ def _meet_behind(
                     _record(k, w, who, before, now, a2, b2, scene, contact, role)
 
 
-@njit(cache=True, nogil=True, error_model="numpy", **UNALIASED)
+@kernel(error_model="numpy", **UNALIASED)
 def drive_through(
     first: int,
     stop: int,
@@ -245,7 +245,7 @@ def drive_through(
                     break
 
 
-@njit(cache=True, nogil=True, error_model="numpy", **UNALIASED)
+@kernel(error_model="numpy", **UNALIASED)
 def meet_follower(
     i: int,
     n: int,
@@ -278,7 +278,7 @@ def meet_follower(
     )
 
 
-@njit(cache=True, nogil=True, error_model="numpy", **UNALIASED)
+@kernel(error_model="numpy", **UNALIASED)
 def _drive_origin_follower(
     last: int,
     state: FloatArray,
@@ -313,7 +313,7 @@ def _drive_origin_follower(
             state[FRONT * WIDTH + w], state[SPEED * WIDTH + w] = x, v
 
 
-@njit(cache=True, nogil=True, error_model="numpy", **UNALIASED)
+@kernel(error_model="numpy", **UNALIASED)
 def meet_origin_follower(
     crossing: int,
     state: FloatArray,
@@ -347,7 +347,7 @@ def meet_origin_follower(
     )
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel(error_model="numpy")
 def meet_ahead(
     who: int,
     first: int,

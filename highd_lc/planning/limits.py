@@ -11,6 +11,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from highd_lc.core.kernels import kernel
 from highd_lc.core.quintic import (
     AT_REST,
     END_JY,
@@ -83,7 +84,7 @@ def limits_of(v0: float, settings: ValidateSettings, wheelbase: float) -> Limits
     )
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel(error_model="numpy")
 def violation(T: float, delta: float, change: float, v0: float, D: float, limit: Limits) -> int:
     """The first constraint that a plan violates: 0 none, else 1 + index in ``CONSTRAINTS``.
 
@@ -119,7 +120,7 @@ def violation(T: float, delta: float, change: float, v0: float, D: float, limit:
     return 0
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel(error_model="numpy")
 def started_violation(
     T: float, delta: float, change: float, v0: float, D: float, start: StartState, limit: Limits
 ) -> int:
@@ -154,7 +155,7 @@ def started_violation(
     return 0
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel(error_model="numpy")
 def turns(alpha: float, beta: float, v0: float, D: float, T: float) -> tuple[float, float]:
     """Largest |curvature| [1/m] and |yaw rate| [rad/s] of a manoeuvre, at its ends and 63 moments between."""
     gamma, curvature, yaw_rate = D / (T * T), 0.0, 0.0
@@ -193,7 +194,7 @@ def violations(
     return codes
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def _fill_violations(
     T: FloatArray,
     delta: FloatArray,

@@ -42,7 +42,6 @@ FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 Made = TypeVar("Made")
 
-
 FORM_OF = {q: p.form for q, p in POLICIES.items() if p.searched and not p.chooses_start and not p.robust}
 """Form of each searched policy that starts at t_start and takes its followers as known."""
 
@@ -303,26 +302,25 @@ def unchanged_motion(problem: PlanningProblem) -> tuple[AvMotion, FloatArray, Fl
     return replace(free, n=constant_samples(packed)), x, v, a
 
 
-def start_clearances(problem: PlanningProblem) -> dict[str, float]:
-    """Clearance to each role at t_start [m]."""
+def start_margins(problem: PlanningProblem) -> dict[str, float]:
+    """Clearance to each role at t_start beyond the one that the safety profile asks for [m]."""
     packed = problem.packed
     still = np.zeros(1)
     at_start, _ = clearances(
         still, still, still + packed.v0, still, 0, 0, packed, np.ascontiguousarray(packed.follower_x[:, None])
     )
-    return dict(zip(problem.roles, at_start.tolist(), strict=True))
+    nearest = packed.safety.clearance
+    return {role: clearance - nearest for role, clearance in zip(problem.roles, at_start.tolist(), strict=True)}
 
 
 def overlap_at_start(problem: PlanningProblem) -> list[str]:
     """Roles whose ellipse overlaps the AV's at t_start already, or is nearer than the safety profile allows."""
-    nearest = problem.packed.safety.clearance
-    return [role for role, clearance in start_clearances(problem).items() if clearance < nearest]
+    return [role for role, margin in start_margins(problem).items() if margin < 0.0]
 
 
 def infeasible_at_start(problem: PlanningProblem, planned: list[str]) -> list[Plan]:
-    """The plans of policies for an event whose ellipses overlap at t_start already, with the clearances there."""
-    nearest = problem.packed.safety.clearance
-    margin = {f"clearance_{role}": clearance - nearest for role, clearance in start_clearances(problem).items()}
+    """The plans of policies for an event whose ellipses overlap at t_start already, with the margins there."""
+    margin = {f"clearance_{role}": value for role, value in start_margins(problem).items()}
     binds = min(margin, key=lambda name: margin[name])
     cells = [(policy, accounting) for policy in planned for accounting in names.ACCOUNTINGS]
     return [
@@ -373,10 +371,8 @@ def plan_margins(
     problem: PlanningProblem, quintic: Quintic | None, played: Replay, accounting: str
 ) -> dict[str, float]:
     """Margin of every constraint; of the clearances alone where there is no quintic."""
-    clearance = apart(problem, played, accounting)
-    if quintic is not None:
-        return limits.margins(quintic, problem.limit) | clearance
-    return clearance
+    moving = {} if quintic is None else limits.margins(quintic, problem.limit)
+    return moving | apart(problem, played, accounting)
 
 
 def closest_margins(

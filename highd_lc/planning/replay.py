@@ -4,7 +4,6 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from highd_lc.core.drive import (
@@ -18,7 +17,7 @@ from highd_lc.core.drive import (
     remembered,
 )
 from highd_lc.core.ellipse import ellipse_clearance
-from highd_lc.core.kernels import UNALIASED
+from highd_lc.core.kernels import UNALIASED, kernel
 from highd_lc.core.losses import Charge, LossTerms, charge
 from highd_lc.core.quintic import SHARE_TOLERANCE, Quintic, reaches, sample
 from highd_lc.planning.scene import MOMENT, Human, PackedScene
@@ -168,7 +167,7 @@ def following(av: AvMotion, scene: PackedScene) -> tuple[FloatArray, FloatArray,
     return x, v, a
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def drive_on(
     x: FloatArray,
     y: FloatArray,
@@ -203,7 +202,7 @@ def drive_on(
             y[k + 1] = y[k]
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def follow(
     av_front: FloatArray,
     av_v: FloatArray,
@@ -262,7 +261,7 @@ class _Box(NamedTuple):
     reach_y: FloatArray
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def clearances(
     x: FloatArray,
     y: FloatArray,
@@ -297,7 +296,7 @@ def clearances(
     return to_T, after_T
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def _turn(vx: FloatArray, vy: FloatArray, n: int, scene: PackedScene, box: _Box) -> None:
     """Turn the box with the motion up to sample n; it is straight before that, and stays so after it."""
     for k in range(min(n + 1, len(vx))):
@@ -310,7 +309,7 @@ def _turn(vx: FloatArray, vy: FloatArray, n: int, scene: PackedScene, box: _Box)
             box.reach_y[k] = np.sqrt((scene.a * sin) ** 2 + (scene.b * cos) ** 2)
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def origin_follower_motion(
     av_front: FloatArray, av_v: FloatArray, crossing: int, scene: PackedScene
 ) -> FloatArray:
@@ -322,7 +321,7 @@ def origin_follower_motion(
     return x
 
 
-@njit(cache=True, nogil=True, error_model="numpy", **UNALIASED)
+@kernel(error_model="numpy", **UNALIASED)
 def _nearest(
     x: FloatArray,
     y: FloatArray,

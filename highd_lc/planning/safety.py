@@ -9,7 +9,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from highd_lc.core.kernels import UNALIASED
+from highd_lc.core.kernels import UNALIASED, kernel
 from highd_lc.core.safety import critical_gap
 from highd_lc.planning.contacts import JUMP, NEAREST, WIDTH
 from highd_lc.planning.limits import (
@@ -57,7 +57,7 @@ def _which(gap: float, v: float, time_gap: float, of_gap: int) -> int:
     return of_gap if gap < time_gap * v else of_gap + 1
 
 
-@njit(cache=True, nogil=True, error_model="numpy", **UNALIASED)
+@kernel(error_model="numpy", **UNALIASED)
 def keep_ahead(
     n: int,
     crossing: int,
@@ -96,7 +96,7 @@ def keep_ahead(
                     unsafe[w] = 4
 
 
-@njit(cache=True, nogil=True, error_model="numpy", **UNALIASED)
+@kernel(error_model="numpy", **UNALIASED)
 def keep_behind(
     crossing: int,
     state: FloatArray,
@@ -140,7 +140,7 @@ def keep_apart(length: float, state: FloatArray, scene: PackedScene, unsafe: Int
             unsafe[w] = 7
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel(error_model="numpy")
 def starts_critically(scene: PackedScene) -> bool:
     """Whether the manoeuvre starts while the gap to the first follower is critical (equations.md 5.8)."""
     if not scene.safety.asked or len(scene.follower_x) == 0 or scene.safety.braking == np.inf:

@@ -17,10 +17,9 @@ Refinement of a pool: across edges, about the best basins of each goal, along T,
 from typing import Final, NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
-from highd_lc.core.kernels import plain
+from highd_lc.core.kernels import kernel, plain
 from highd_lc.planning.contacts import WIDTH
 from highd_lc.planning.limits import CONSTRAINTS, forward_interval, violations
 from highd_lc.planning.pool import Goal, Pool, Task, distinct
@@ -107,7 +106,7 @@ def _line_minima(value: FloatArray, new_line: NDArray[np.bool_]) -> IntArray:
     return np.flatnonzero(np.isfinite(value) & (value <= before) & (value <= after))
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def _alone(place: FloatArray) -> NDArray[np.bool_]:
     """Which places, best first, have no better neighbour."""
     alone = np.ones(len(place), np.bool_)

@@ -18,6 +18,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from highd_lc.core.kernels import kernel
 from highd_lc.core.losses import joint_objective
 from highd_lc.core.quintic import Quintic, first_past, q_rate, q_shape, z_rate, z_shape
 from highd_lc.planning import limits
@@ -51,7 +52,7 @@ def _separation(dx: float, dy: float, a: float, b: float) -> float:
     return float(np.hypot(dx / a, dy / b) - 1.0)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _separations(
     n: IntArray, delta: FloatArray, change: FloatArray, scene: PackedScene, to_T: bool, out: FloatArray
 ) -> None:

@@ -28,11 +28,11 @@ from functools import cached_property
 from typing import Final, NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from highd_lc.core.drive import LCM
 from highd_lc.core.ellipse import ellipses_overlap
+from highd_lc.core.kernels import kernel
 from highd_lc.core.losses import Charge, LossTerms, charge, command_jerk
 from highd_lc.planning.contacts import NO_CONTACT
 from highd_lc.planning.later import Around, AvState, later_scene, own_lane
@@ -126,7 +126,7 @@ def chain_contact(x: FloatArray, packed: PackedScene) -> ChainContact:
     return ChainContact(int(samples[first]), first) if samples[first] < NO_CONTACT else NEVER
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _first_contact(x: FloatArray, follower_x: FloatArray, origin_x: FloatArray, scene: PackedScene) -> int:
     """First sample at which the AV, at x [m] on its lane, overlaps a leader, a follower or the origin follower."""
     near = scene.safety.clearance

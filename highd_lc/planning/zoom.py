@@ -19,7 +19,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from highd_lc.core.kernels import UNALIASED
+from highd_lc.core.kernels import UNALIASED, kernel
 from highd_lc.core.losses import LossTerms
 from highd_lc.planning.candidates import Outcomes, evaluate_into, new_outcomes
 from highd_lc.planning.contacts import NO_CONTACT, WIDTH
@@ -118,7 +118,7 @@ _EQUAL: Final = names.ACCOUNTINGS.index(names.EQUAL)
 _forward_interval: Any = njit(cache=True)(forward_interval)
 
 
-@njit(cache=True, nogil=True, error_model="numpy", **UNALIASED)
+@kernel(error_model="numpy", **UNALIASED)
 def _follow_valleys(
     n: IntArray,
     accounting: IntArray,
@@ -184,7 +184,7 @@ def _follow_valleys(
                 frame[s] *= _LINE_SHRINK
 
 
-@njit(cache=True, nogil=True, error_model="numpy", **UNALIASED)
+@kernel(error_model="numpy", **UNALIASED)
 def _place_cloud(
     T: float,
     centre: FloatArray,
@@ -204,7 +204,7 @@ def _place_cloud(
         delta[w] = min(max(bend + change[w] * T / 2.0, low), max(high, low))
 
 
-@njit(cache=True, nogil=True, error_model="numpy", **UNALIASED)
+@kernel(error_model="numpy", **UNALIASED)
 def _narrow(value: FloatArray, cloud: FloatArray, origin_0: float, origin_1: float, frame: FloatArray) -> None:
     """Turn and narrow a frame to the spread of its best candidates about the next centre (in this frame)."""
     count, xx, xy, yy = 0, 0.0, 0.0, 0.0

@@ -292,7 +292,7 @@ def _follows(rows: Sequence[Any], ratios: Sequence[tuple[Effect, float]]) -> str
         doubt = "the followers are not shown to be predicted better than if nothing happened"
         texts.append(f"the gain stays open: {_multiples(seen)}, but {doubt}")
     text = "; ".join(texts)
-    return f"{text[:1].upper()}{text[1:]}."
+    return f"{html.begun(text)}."
 
 
 def _multiples(ratios: Sequence[tuple[Effect, float]]) -> str:

@@ -181,6 +181,11 @@ def bars(shares: Iterable[tuple[str, float]]) -> str:
     return "".join([f'<span style="width: {share}%; background: var(--{kind})"></span>' for kind, share in shares])
 
 
+def begun(text: str) -> str:
+    """A text with a capital at its begin; what comes after it stays."""
+    return text[:1].upper() + text[1:]
+
+
 def is_missing(value: Any) -> bool:
     """Whether a cell holds nothing: None, NA or not a finite number."""
     try:

@@ -11,6 +11,7 @@ from typing import Final
 from zlib import crc32
 
 from highd_lc.vocab import names
+from highd_lc.vocab.published import TABLE_3
 from highd_lc.vocab.tables.studies import DRAWN, IDM_MOTORWAY
 from highd_lc.vocab.tracking import KINEMATIC, MULTI_BODY
 
@@ -298,6 +299,14 @@ _BLOCKERS: Final = {
 def blocker(name: str) -> str:
     """What stands in a candidate's way, as a reader says it; constraints of the safety profile among them."""
     return _BLOCKERS.get(name, name.replace("_", " "))
+
+
+def scenario(key: str) -> str:
+    """A scenario's key as a reader says it: "2_15" is "2, AV 15 m/s"."""
+    if key == TABLE_3:
+        return "Table 3"
+    number, _, speed = key.partition("_")
+    return f"{number}, AV {speed} m/s" if speed else number
 
 
 def role(name: str) -> str:

@@ -12,14 +12,7 @@ from highd_lc.core.edie import DENSITIES
 from highd_lc.reporting import figures_prediction as figures
 from highd_lc.reporting import follower_words as words
 from highd_lc.reporting import html, labels
-from highd_lc.reporting.pages_data import (
-    Column,
-    Section,
-    TableView,
-    believed_section,
-    overview_page,
-    table_view,
-)
+from highd_lc.reporting.pages_data import Column, Section, TableView, believed_section, overview_page, table_view
 from highd_lc.reporting.pages_followers import error_sections, externality_sections
 from highd_lc.reporting.pages_waves import wave_sections
 from highd_lc.vocab import names
@@ -200,16 +193,12 @@ def _skill_section(tables: PredictionTables) -> Section:
     untold = not known and not words.told(tables.prediction_summary)
     return Section(
         "Skill by horizon",
-        (f"{_sentence(words.NO_INTERVAL)}.",) * untold,
+        (f"{html.begun(words.NO_INTERVAL)}.",) * untold,
         html.inline_svg(figure, f"Skill of every model by horizon. {said}. The table holds all numbers."),
         f"{lines}Bold and blue: the model that plans.",
         folded=(table_view(rows, _skill_columns(rows, _MODEL), "All numbers"),),
         anchor="skill",
     )
-
-
-def _sentence(text: str) -> str:
-    return text[:1].upper() + text[1:]
 
 
 _LIKENESS_COLUMNS: Final = (

@@ -115,8 +115,6 @@ QUANTITY_WORDS: Final = {
     "rectangle_time_s": "time in the rectangle",
     "rectangle_distance_m": "distance in the rectangle",
 }
-
-
 _COMPARED: Final = {
     CHANGE: "relative change of",
     DIFFERENCE: "difference in",
@@ -205,7 +203,7 @@ def reproduced_words(ledger: pd.DataFrame) -> str:
 def _reproduced_section(readable: pd.DataFrame) -> Section:
     rows = reproduced(readable)
     columns = (Column("scenario_label", "Scenario"), *_LEDGER_COLUMNS[:6])
-    labelled = rows.assign(scenario_label=rows["scenario"].map(scenario_words))
+    labelled = rows.assign(scenario_label=rows["scenario"].map(labels.scenario))
     return Section(
         "What does reproduce",
         (reproduced_words(readable),),
@@ -231,8 +229,8 @@ _DETAIL_COLUMNS: Final = (
     Column("default_label", "Default options"),
     Column("holds_text", "Holds under"),
     Column("fails_text", "Fails or nothing changes under"),
-    Column("missing_text", "No plan under"),
-    Column("invalid_text", "Not valid under"),
+    Column("no_plan_text", "No plan under"),
+    Column("not_valid_text", "Not valid under"),
 )
 
 
@@ -243,7 +241,7 @@ def claims_section(claims: pd.DataFrame, *, title: str = "Claims", what: str = "
     """
     labelled = claims.assign(
         words=claims["claim"].map(labels.CLAIMS),
-        scenario_label=claims["scenario"].map(scenario_words),
+        scenario_label=claims["scenario"].map(labels.scenario),
         printed=claims["printed"].str.replace(" -> ", " → "),
         cell=[f"{r.form} {r.accounting}" for r in claims.itertuples()],
         cell_label=claims["form"].map(labels.FORMS)
@@ -251,13 +249,8 @@ def claims_section(claims: pd.DataFrame, *, title: str = "Claims", what: str = "
         + claims["accounting"].map(labels.ACCOUNTING_NAMES).str.lower(),
         default_label=claims["default_verdict"].map(_VERDICT_WORDS),
         **{
-            f"{name}_text": [", ".join(v) or "–" for v in claims[f"{column}_under"]]
-            for name, column in (
-                ("holds", "holds"),
-                ("fails", "fails"),
-                ("missing", "no_plan"),
-                ("invalid", "not_valid"),
-            )
+            f"{verdict}_text": [", ".join(v) or "–" for v in claims[f"{verdict}_under"]]
+            for verdict in ("holds", "fails", "no_plan", "not_valid")
         },
     )
     labelled["verdict"] = [_verdict_text(row) for row in labelled.itertuples()]
@@ -286,17 +279,8 @@ def claims_section(claims: pd.DataFrame, *, title: str = "Claims", what: str = "
 
 
 def _verdict_text(row: Any) -> str:
-    verdict, holds, cells = row.default_verdict, row.holds, row.cells
-    counted = f" {holds}/{cells}" if cells > 1 else ""
-    return f"{_VERDICT_WORDS[verdict]}{counted}"
-
-
-def scenario_words(key: str) -> str:
-    """A scenario's key as a reader says it: "2_15" is "2, AV 15 m/s"."""
-    if key == TABLE_3:
-        return "Table 3"
-    number, _, speed = key.partition("_")
-    return f"{number}, AV {speed} m/s" if speed else number
+    counted = f" {row.holds}/{row.cells}" if row.cells > 1 else ""
+    return f"{_VERDICT_WORDS[row.default_verdict]}{counted}"
 
 
 def arithmetic_section(rows: pd.DataFrame) -> Section:
@@ -334,19 +318,21 @@ def ledger_markdown(
     """
     readable = readable_ledger(ledger)
     short = readable[~readable["quantity"].str.startswith("rectangle_")]
-    begin = "\n".join(f"{text}\n" for text in (_MARKDOWN_HEAD, *lead))
-    first = [_MARKDOWN_REPRODUCED, f"{reproduced_words(readable)}\n", _ledger_table(reproduced(short))]
-    parts = [begin, *first, _MARKDOWN_ALL, _ledger_table(short), _MARKDOWN_CLAIMS, _claims_table(claims)]
-    if swept is not None:
-        parts += [_MARKDOWN_SWEEP, _claims_table(swept)]
-    parts.append(_MARKDOWN_ARITHMETIC)
+    parts = [f"{text}\n" for text in (_MARKDOWN_HEAD, *lead)]
+    parts += ["## What does reproduce\n", f"{reproduced_words(readable)}\n", _ledger_table(reproduced(short))]
+    parts += ["\n## Every number\n", _ledger_table(short)]
+    for head, judged in ((_MARKDOWN_CLAIMS, claims), (_MARKDOWN_SWEEP, swept)):
+        if judged is not None:
+            parts += [head, _claims_table(judged)]
+    parts.append("\n## Printed numbers that contradict each other\n")
     odd = arithmetic[arithmetic["verdict"] == "inconsistent"]
-    told = odd["computation"].str.replace("|", "\\|", regex=False)
-    lines = [
-        f"| {statement} | {computation} | {html.number(printed)} |"
-        for statement, computation, printed in zip(odd["statement"], told, odd["printed"], strict=True)
-    ]
-    return "\n".join([*parts, "| statement | computation | printed |", "|---|---|---|", *lines, ""])
+    told = odd.assign(computation=odd["computation"].str.replace("|", "\\|", regex=False))
+    columns = (
+        Column("statement", "statement"),
+        Column("computation", "computation"),
+        Column("printed", "printed", digits=2),
+    )
+    return "\n".join([*parts, _markdown(columns, told), ""])
 
 
 _MARKDOWN_HEAD: Final = """# Published numbers of the scenarios, and ours
@@ -355,11 +341,6 @@ Written by `highd-lc scenarios`, as `ledger.md` beside its pages. The ledger in 
 vehicle, paper_literal and every accounting, is `ledger.html` and `ledger.parquet`; every cell with all of its
 options is in `scenario_cells.parquet`. *Ours* is the default of `pipelines/scenarios.toml`, *nearest* the best of
 all cells looked at.
-"""
-_MARKDOWN_REPRODUCED: Final = """## What does reproduce
-"""
-_MARKDOWN_ALL: Final = """
-## Every number
 """
 _MARKDOWN_CLAIMS: Final = """
 ## Claims
@@ -372,29 +353,32 @@ _MARKDOWN_SWEEP: Final = """
 
 The same over every combination of the options that `--sweep` varies.
 """
-_MARKDOWN_ARITHMETIC: Final = """
-## Printed numbers that contradict each other
-"""
+_MARKDOWN_COLUMNS: Final = (
+    Column("scenario_label", "scenario"),
+    Column("what_unit", "quantity"),
+    Column("policy_label", "policy"),
+    *(Column(name, name, digits=2) for name in ("published", "ours", "ratio")),
+    Column("verdict", "verdict"),
+    Column("nearest", "nearest", digits=2),
+    Column("nearest_cell", "in the cell"),
+)
 
 
 def _ledger_table(readable: pd.DataFrame) -> str:
-    rows: Iterable[Any] = readable.itertuples()
-    head = "| scenario | quantity | policy | published | ours | ratio | verdict | nearest | in the cell |"
-    lines = [
-        f"| {scenario_words(r.scenario)} | {r.what_unit} | {r.policy_label} "
-        f"| {html.number(r.published)} | {html.number(r.ours)} | {html.number(r.ratio)} | {r.verdict} "
-        f"| {html.number(r.nearest)} | {r.nearest_cell} |"
-        for r in rows
-    ]
-    return "\n".join([head, "|---|---|---|---|---|---|---|---|---|", *lines])
+    return _markdown(_MARKDOWN_COLUMNS, readable.assign(scenario_label=readable["scenario"].map(labels.scenario)))
 
 
 def _claims_table(claims: pd.DataFrame) -> str:
-    section = claims_section(claims)
-    table = section.tables[0]
-    head = "| " + " | ".join(column.title for column in table.columns) + " |"
-    rule = "|" + "---|" * len(table.columns)
-    return "\n".join([head, rule, *("| " + " | ".join(map(str, row)) + " |" for row in table.rows)])
+    table = claims_section(claims).tables[0]
+    return _markdown(table.columns, pd.DataFrame(table.rows, columns=[column.name for column in table.columns]))
+
+
+def _markdown(columns: Sequence[Column], frame: pd.DataFrame) -> str:
+    cells = [
+        [html.number(v, c.digits) if c.digits is not None else str(v) for v in frame[c.name]] for c in columns
+    ]
+    lines = ["| " + " | ".join(row) + " |" for row in ([c.title for c in columns], *zip(*cells, strict=True))]
+    return "\n".join([lines[0], "|" + "---|" * len(columns), *lines[1:]])
 
 
 def claim_counts(claims: pd.DataFrame) -> str:

@@ -45,7 +45,7 @@ def in_short(run: RunTables) -> list[Said]:
         f"total loss than the benchmark, as simulated. {sides_said(cell)}"
     )
     beside = f"Beside how well the followers are predicted: {lowered(run.believed)}" if run.believed else ""
-    sure = [f"{_begun(interval_said(run, form, names.EQUAL))}.", concentration(cell), beside]
+    sure = [f"{html.begun(interval_said(run, form, names.EQUAL))}.", concentration(cell), beside]
     other = [range_words(run.multiverse), f"Under the accounting “paper”: {against_paper(run, form)}."]
     said = (
         ("What was found", [found]),
@@ -53,7 +53,3 @@ def in_short(run: RunTables) -> list[Said]:
         ("What would change it", [" ".join(other)]),
     )
     return [(title, tuple(map(unbroken, texts))) for title, texts in said]
-
-
-def _begun(text: str) -> str:
-    return text[:1].upper() + text[1:]

@@ -14,7 +14,7 @@ from highd_lc.core.edie import edie
 from highd_lc.reporting import html, labels
 from highd_lc.reporting.labels import RECORDED
 from highd_lc.reporting.pages_data import Column, Section, TableView, table_view
-from highd_lc.reporting.pages_scenarios import Picture, Words, claim_counts, picture_section, scenario_words
+from highd_lc.reporting.pages_scenarios import Picture, Words, claim_counts, picture_section
 from highd_lc.scenarios.run import DEFAULT
 from highd_lc.vocab import names
 from highd_lc.vocab.published import WEIGHTS
@@ -119,7 +119,7 @@ def ledger_lead(frames: Frames) -> list[str]:
 
     closest: Iterable[Any] = frames["closest"].itertuples()
     alone = "; ".join(
-        f"scenario {scenario_words(row.scenario)}: {row.near} of {row.numbers} within 10 % (in {row.cell})"
+        f"scenario {labels.scenario(row.scenario)}: {row.near} of {row.numbers} within 10 % (in {row.cell})"
         for row in closest
     )
     return [
@@ -186,7 +186,7 @@ Tables = tuple[list[TableView], list[TableView]]
 
 
 def _worded(frame: pd.DataFrame) -> pd.DataFrame:
-    changed = frame.assign(scenario=frame["scenario"].map(scenario_words)) if "scenario" in frame else frame
+    changed = frame.assign(scenario=frame["scenario"].map(labels.scenario)) if "scenario" in frame else frame
     return changed.assign(policy=changed["policy"].map(labels.short_policy)) if "policy" in changed else changed
 
 
@@ -212,7 +212,7 @@ def _increments(frames: Frames) -> Tables:
     cells = frames["scenario_cells"]
     rows = cells[(cells["variant"] == DEFAULT) & cells["omega_av"].isin(list(WEIGHTS.values()))]
     told = rows.assign(
-        scenario=rows["scenario"].map(scenario_words),
+        scenario=rows["scenario"].map(labels.scenario),
         policy=rows["omega_av"].map({omega: labels.POLICIES[policy].label for policy, omega in WEIGHTS.items()}),
         form=rows["form"].map(labels.FORMS),
         accounting=rows["accounting"].map(labels.ACCOUNTING_NAMES),
@@ -275,7 +275,7 @@ def _contacts(frames: Frames) -> TableView:
     )
     told = frames["contacts"].assign(
         motion=frames["contacts"]["motion"].map(labels.short_policy),
-        scenario=frames["contacts"]["scenario"].map(scenario_words),
+        scenario=frames["contacts"]["scenario"].map(labels.scenario),
         verdict=frames["contacts"]["collision"].map({True: "collision", False: "no contact"}).fillna("no plan"),
     )
     about = (

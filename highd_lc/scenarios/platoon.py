@@ -12,10 +12,10 @@ Along the road 0 is the AV's front at t_start; t = 0 is t_start.
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from highd_lc.core.drive import UNBOUNDED, advance, hardest_braking, lcm_command
+from highd_lc.core.kernels import kernel
 from highd_lc.planning.scene import Followers, Motion, Scene
 from highd_lc.vocab.driver import SIMULATION
 from highd_lc.vocab.errors import ShapeError
@@ -108,7 +108,7 @@ def drive_platoon(
     return Platoon(np.arange(n, dtype=np.float64) * dt, front.T, v.T, a.T, start.length, lead)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _drive(
     x: FloatArray,
     v: FloatArray,

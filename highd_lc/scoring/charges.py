@@ -5,9 +5,9 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from highd_lc.core.kernels import kernel
 from highd_lc.core.losses import Charge, LossTerms, charge, command_jerk
 from highd_lc.core.safety import braking_asked, critical_gap, rss_gaps
 from highd_lc.planning.limits import Pair, first_contact, pairs, target_leader_lengths
@@ -102,7 +102,7 @@ def safety(lane: list[Pair], last: int) -> dict[str, float]:
     return dict(zip(("min_gap_m", "min_time_headway_s", "min_ttc_s", "max_drac"), worst.tolist(), strict=True))
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def _extremes(
     gap: FloatArray,
     v: FloatArray,

@@ -25,7 +25,7 @@ from highd_lc.core.drive import (
     jump,
     remembered,
 )
-from highd_lc.core.kernels import UNALIASED
+from highd_lc.core.kernels import UNALIASED, kernel
 from highd_lc.core.lcm import MOTORWAY
 from highd_lc.core.losses import LossTerms
 from highd_lc.planning.contacts import NO_CONTACT
@@ -180,7 +180,7 @@ def _step(
         state[FRONT * K + w], state[SPEED * K + w], state[COMMAND * K + w] = later, faster, a
 
 
-@njit(cache=True, nogil=True, error_model="numpy", **UNALIASED)
+@kernel(error_model="numpy", **UNALIASED)
 def _drive(
     av_front: FloatArray,
     av_v: FloatArray,
@@ -270,7 +270,7 @@ def _drive(
         contact[:] = NO_CONTACT
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _enter(crossing: int, av_front: FloatArray, length: float, rear: FloatArray, contact: IntArray) -> None:
     """The AV enters the lane at its crossing behind rear bumpers, flat (N + 1, K), which its own replaces."""
     K = len(contact)
@@ -281,7 +281,7 @@ def _enter(crossing: int, av_front: FloatArray, length: float, rear: FloatArray,
             rear[k * K + w] = av_front[k] - length
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@kernel(error_model="numpy")
 def _meet(front: FloatArray, rear: FloatArray, contact: IntArray) -> None:
     """Lower contact (K,) to the first sample at which a front is past the rear ahead; both flat (N + 1, K)."""
     K = len(contact)

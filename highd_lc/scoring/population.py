@@ -9,9 +9,9 @@ from functools import cache, lru_cache
 from typing import Final
 
 import numpy as np
-from numba import njit
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
+from highd_lc.core.kernels import kernel
 from highd_lc.vocab.sections import StatisticsSettings
 
 FloatArray = NDArray[np.float64]
@@ -61,7 +61,7 @@ def hodges_lehmann(values: FloatArray) -> float:
     return middle if pairs % 2 else 0.5 * (middle + _pair_mean_after(x, pairs // 2, middle))
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def _pair_mean(x: FloatArray, rank: int) -> float:
     """The pair mean of that rank, counted from 1; x ascending."""
     low, high = x[0], x[-1]
@@ -76,7 +76,7 @@ def _pair_mean(x: FloatArray, rank: int) -> float:
     return float(high)
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def _pair_mean_after(x: FloatArray, rank: int, value: float) -> float:
     """The pair mean of the next rank, given that of a rank; x ascending."""
     if _pairs_below(x, value) > rank:
@@ -91,7 +91,7 @@ def _pair_mean_after(x: FloatArray, rank: int, value: float) -> float:
     return float(after)
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def _pairs_below(x: FloatArray, level: float) -> int:
     """How many pairs i <= j have x_i + x_j <= 2 level: as x_i grows, its last partner j moves down."""
     count, j = 0, len(x) - 1
@@ -263,6 +263,27 @@ def ratio_of_sums(one: FloatArray, other: FloatArray) -> float:
     """Ratio of two sums; NaN where the lower one is nothing beside what was added, but for rounding."""
     total, added = other.sum(), np.abs(one).sum() + np.abs(other).sum()
     return float(one.sum() / total) if abs(total) > _NOTHING * added else np.nan
+
+
+def gain(local: float, benchmark: float) -> float:
+    """Share of a benchmark's loss that a local optimum saves; NaN where the benchmark has none."""
+    return float(1.0 - local / benchmark) if benchmark > 0.0 else np.nan
+
+
+NO_EFFECT: Final = 1e-6
+"""A mean effect on the loss up to this is none."""
+
+
+def seen(error: ArrayLike, effect: ArrayLike) -> dict[str, float]:
+    """What tells whether a gain may be quoted: mean absolute effect and error of the events, and their ratio.
+
+    error, effect: of each event (``PolicyLosses.in_view``); both means are over the events that have both. Unknown
+    is NaN; so is the ratio to no effect.
+    """
+    both = np.stack([np.asarray(error, np.float64), np.asarray(effect, np.float64)])
+    known = both[:, ~np.isnan(both).any(axis=0)]
+    e, d = np.abs(known).mean(axis=1).tolist() if known.size else (np.nan, np.nan)
+    return {"effect": d, "error": e, "error_over_effect": e / d if d > NO_EFFECT else np.nan}
 
 
 def padded(lists: Sequence[Sequence[float]]) -> FloatArray:

@@ -22,8 +22,8 @@ from highd_lc.reporting.event import Path, Play
 from highd_lc.scoring import charges
 from highd_lc.stages.scene_drivers import read_drivers
 from highd_lc.stages.scenes import SceneTables, driven_by
+from highd_lc.stages.tracking_tables import Planned
 from highd_lc.stages.validate_robust import Judges, crowd_for, trackers_of
-from highd_lc.stages.validate_samples import Planned
 from highd_lc.tracking.closed_loop import controller
 from highd_lc.vocab import names
 from highd_lc.vocab.job import Job

@@ -18,7 +18,7 @@ from highd_lc.io.workspace import append_log
 from highd_lc.planning import planner
 from highd_lc.planning.other_planners import Planner, ask, plans_of
 from highd_lc.planning.planner import Plan
-from highd_lc.stages.validate_samples import Planned, driven_row
+from highd_lc.stages.tracking_tables import Planned, driven_row
 from highd_lc.tracking.plan_tracking import DrivenPlan
 from highd_lc.vocab import names
 from highd_lc.vocab.errors import SettingsError

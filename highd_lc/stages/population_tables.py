@@ -5,7 +5,7 @@ The calibration's population tables: Table 3 with ours beside it, what is identi
 Who waits, where and for what: over spacing and speed difference of the first follower at t_start.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import pairwise
 from typing import Any
 
@@ -14,8 +14,8 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from highd_lc.drivers.identifiability import Identifiability, PoolingStudy, verdict
-from highd_lc.scoring.population import bootstrap_of, ratio_interval, shares
-from highd_lc.stages.statistics import PolicyLosses, clusters_of, seen
+from highd_lc.scoring.population import bootstrap_of, gain, ratio_interval, seen, shares
+from highd_lc.stages.statistics import PolicyLosses, clusters_of
 from highd_lc.vocab import names
 from highd_lc.vocab.driver import PARAMETERS, TABLE3_MEANS, TABLE3_QUANTILES
 from highd_lc.vocab.policy import CHOOSING_START, PAIRS, POLICIES, ROBUST_PAIRS
@@ -143,18 +143,14 @@ def gain_columns(pair: pd.DataFrame, statistics: StatisticsSettings, *, seed: in
         "contacts": int(contact.sum()),
         "total_benchmark": float(benchmark.sum()),
         "total_local": float(local.sum()),
-        "gain": _gain(local.sum(), benchmark.sum()),
+        "gain": gain(local.sum(), benchmark.sum()),
         "gain_low": 1.0 - ratio.high,
         "gain_high": 1.0 - ratio.low,
-        "gain_av": _gain(av_1.sum(), av_0.sum()),
-        "gain_hv": _gain(hv_1.sum(), hv_0.sum()),
+        "gain_av": gain(av_1.sum(), av_0.sum()),
+        "gain_hv": gain(hv_1.sum(), hv_0.sum()),
         "share_better": better,
         "share_worse": worse,
     }
-
-
-def _gain(local: float, benchmark: float) -> float:
-    return float(1.0 - local / benchmark) if benchmark > 0.0 else np.nan
 
 
 def _frame(name: str, rows: list[Row]) -> pd.DataFrame:
@@ -186,26 +182,31 @@ def cross_scores(
 
     cross: ``cross_losses``; models: the follower models that planned, the default one first.
     """
+    both, of_plan = ["planned_with", "scored_with"], ["accounting", "policy"]
+    split: dict[Any, dict[Any, pd.DataFrame]] = {
+        key: dict(iter(rows.drop(columns=both).set_index("event_id").groupby(of_plan)))
+        for key, rows in cross.groupby(both)
+    }
     rows = []
     for planned_with in models:
-        own = cross.loc[cross["planned_with"] == planned_with, "scored_with"]
-        for scored_with in dict.fromkeys(
-            (planned_with, *models, *SECOND_OPINIONS, names.SUMO, *sorted(own.unique()))
-        ):
-            chosen = cross[(cross["planned_with"] == planned_with) & (cross["scored_with"] == scored_with)]
+        own = sorted(scored_with for one, scored_with in split if one == planned_with)
+        for scored_with in dict.fromkeys((planned_with, *models, *SECOND_OPINIONS, names.SUMO, *own)):
             about = {"planned_with": planned_with, "scored_with": scored_with}
-            rows += [about | row for row in _cross_cells(chosen, statistics, seed)]
+            cells = _cross_cells(split.get((planned_with, scored_with), {}), statistics, seed)
+            rows += [about | row for row in cells]
     return _frame("cross_scores", rows)
 
 
-def _cross_cells(cross: pd.DataFrame, statistics: StatisticsSettings, seed: int) -> Iterator[Row]:
-    """Every form, accounting optimised and accounting scored. cross: rows of one pair of follower models."""
+def _cross_cells(cross: Mapping[Any, pd.DataFrame], statistics: StatisticsSettings, seed: int) -> Iterator[Row]:
+    """Every form, accounting optimised and accounting scored.
+
+    cross: rows of one pair of follower models by accounting and policy, indexed by event_id.
+    """
     for form, (benchmark, local) in (PAIRS | ROBUST_PAIRS).items():
         for optimised in names.ACCOUNTINGS:
-            chosen = cross[cross["accounting"] == optimised].set_index("event_id")
-            one, other = (chosen[chosen["policy"] == policy] for policy in (local, benchmark))
-            if one.empty or other.empty:
+            if not {(optimised, local), (optimised, benchmark)} <= cross.keys():
                 continue
+            one, other = cross[optimised, local], cross[optimised, benchmark]
             touching = one["contact_after_T"].eq(True) | other["contact_after_T"].eq(True)
             for scored in names.ACCOUNTINGS:
                 row: Row = {"form": form, "optimised": optimised, "scored": scored}
@@ -239,7 +240,7 @@ def gain_map(
         for edges, inside in tiles(events.loc[pair.index]):
             row = about | edges | {"share_events": len(inside) / len(pair)}
             of_tile = pair.iloc[inside]
-            row |= seen(of_tile)
+            row |= seen(of_tile["error"], of_tile["effect"])
             rows.append(row | gain_columns(of_tile, statistics, seed=seed))
     return _frame("gain_map", rows)
 
@@ -290,7 +291,8 @@ def worse_for_somebody(losses: PolicyLosses, statistics: StatisticsSettings) -> 
     """
     rows = []
     for about, pair in _pairs(losses):
-        for event in pair.dropna(subset=["av_1", "av_0"]).itertuples():
+        events: Iterable[Any] = pair.dropna(subset=["av_1", "av_0"]).itertuples()
+        for event in events:
             for who, benchmark, local in _parties(event):
                 if local > benchmark * (1.0 + statistics.tie_band):
                     of_event = {"event_id": event.Index, "recording_id": event.recording_id, "who": who}
@@ -299,7 +301,7 @@ def worse_for_somebody(losses: PolicyLosses, statistics: StatisticsSettings) -> 
                         "loss_local": local,
                         "increase": local / benchmark - 1.0,
                     }
-                    found = seen(pair.loc[[str(event.Index)]])
+                    found = seen([event.error], [event.effect])
                     of_party |= {name: found[name] for name in ("error", "error_over_effect")}
                     rows.append(about | of_event | of_party)
     return _frame("worse_for_somebody", rows)
@@ -388,4 +390,4 @@ def _tile(pair: pd.DataFrame) -> dict[str, Any]:
     for name in ("objective", *_LOSSES):
         ratio = pair[name].sum() / pair[f"{name}_0"].sum()
         row[f"saved_{name.removeprefix('loss_')}"] = float(1.0 - ratio)
-    return row | seen(pair)
+    return row | seen(pair["error"], pair["effect"])

@@ -11,7 +11,7 @@ from highd_lc.planning.planner import Plan, PlanningProblem
 from highd_lc.planning.safety import kept
 from highd_lc.planning.scene import safety_limits
 from highd_lc.scoring import charges
-from highd_lc.scoring.population import Bootstrap, bootstrap_of, ratio_interval
+from highd_lc.scoring.population import Bootstrap, bootstrap_of, gain, ratio_interval
 from highd_lc.stages.validate_studies import Study
 from highd_lc.vocab import names
 from highd_lc.vocab.policy import PAIRS
@@ -123,15 +123,11 @@ def _price(pair: pd.DataFrame, both: Any, bootstrap: Bootstrap) -> Row:
         "n_both": len(used),
         "total_benchmark": float(benchmark.sum()),
         "total_local": float(local.sum()),
-        "gain": _gain(local.sum(), benchmark.sum()),
+        "gain": gain(local.sum(), benchmark.sum()),
         "gain_low": 1.0 - ratio.high,
         "gain_high": 1.0 - ratio.low,
-        "gain_incremental": _gain((local - unchanged)[known].sum(), (benchmark - unchanged)[known].sum()),
+        "gain_incremental": gain((local - unchanged)[known].sum(), (benchmark - unchanged)[known].sum()),
     }
-
-
-def _gain(local: float, benchmark: float) -> float:
-    return float(1.0 - local / benchmark) if benchmark > 0.0 else np.nan
 
 
 def safety_violations(losses: pd.DataFrame) -> pd.DataFrame:

@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 from itertools import pairwise
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -15,6 +15,7 @@ from highd_lc.reporting.follower_words import error_and_effect
 from highd_lc.scoring.population import (
     Bootstrap,
     bootstrap_of,
+    gain,
     gain_of_added,
     hodges_lehmann,
     mean_interval,
@@ -171,17 +172,17 @@ class PolicyLosses:
     """
 
     def __init__(self, losses: pd.DataFrame) -> None:
-        self._columns = losses.columns.drop("event_id")
+        key = ["accounting", "policy"]
+        self._nobody = losses.iloc[:0].drop(columns=key).set_index("event_id")
         self._of = {
-            (str(accounting), str(policy)): rows.set_index("event_id")
-            for (accounting, policy), rows in losses.groupby(["accounting", "policy"], sort=False)
+            (str(accounting), str(policy)): rows.drop(columns=key).set_index("event_id")
+            for (accounting, policy), rows in losses.groupby(key, sort=False)
         }
         self._pairs: dict[tuple[str, str, str], pd.DataFrame] = {}
 
     def of(self, accounting: str, policy: str) -> pd.DataFrame:
         """One row an event, indexed by event_id; none where the policy was not planned."""
-        found = self._of.get((accounting, policy))
-        return pd.DataFrame(columns=self._columns) if found is None else found
+        return self._of.get((accounting, policy), self._nobody)
 
     def pair(self, accounting: str, policy: str, against: str) -> pd.DataFrame:
         """The losses of both policies side by side, suffixes _1 (policy) and _0 (against).
@@ -202,25 +203,6 @@ class PolicyLosses:
         """By event the model's error and the policies' effect in the same loss (``error_and_effect``)."""
         human, one, other = (self.of(accounting, name) for name in (names.HUMAN, policy, against))
         return error_and_effect(human, one, other)
-
-
-NO_EFFECT: Final = 1e-6
-"""A mean effect on the loss up to this is none."""
-
-
-def seen(events: pd.DataFrame) -> dict[str, float]:
-    """What tells whether a gain may be quoted: mean absolute effect and error, and their ratio.
-
-    events: columns error and effect of ``PolicyLosses.in_view``; both means are over the events that have both.
-    Unknown is NaN; so is the ratio to no effect.
-    """
-    known = events[["error", "effect"]].astype(float).dropna().to_numpy()
-    error, effect = np.abs(known).mean(axis=0).tolist() if len(known) else (np.nan, np.nan)
-    return {
-        "effect": effect,
-        "error": error,
-        "error_over_effect": error / effect if effect > NO_EFFECT else np.nan,
-    }
 
 
 def validation_matrix(
@@ -339,16 +321,16 @@ def _incremental(solved: pd.DataFrame, accounting: str, bootstrap: Bootstrap) ->
         return dict.fromkeys(ADDED, np.nan) | {"incremental_reason": reason}
     benchmark, local = ((known[f"loss_total_{k}"] - known["unchanged"]).to_numpy() for k in (0, 1))
     hv = [float((known[f"loss_hv_{k}"] - known["hv_unchanged"]).sum()) for k in (0, 1)]
-    gain, low, high = gain_of_added(benchmark, local, known["cluster"].to_numpy(), bootstrap)
-    found = (gain, low, high, float(benchmark.sum()), float(local.sum()), *hv)
-    return dict(zip(ADDED, found, strict=True)) | {"incremental_reason": "" if gain == gain else ADDS_NOTHING}
+    saved, low, high = gain_of_added(benchmark, local, known["cluster"].to_numpy(), bootstrap)
+    found = (saved, low, high, float(benchmark.sum()), float(local.sum()), *hv)
+    return dict(zip(ADDED, found, strict=True)) | {"incremental_reason": "" if saved == saved else ADDS_NOTHING}
 
 
 def _reweighted(solved: pd.DataFrame) -> float:
     """Gain with each event counted as often as lane-id changes like it were found; NaN where that is not known."""
     known = solved[solved["weight"].notna()]
     local, benchmark = (float((known["weight"] * known[f"loss_total_{k}"]).sum()) for k in (1, 0))
-    return 1.0 - local / benchmark if benchmark > 0.0 else np.nan
+    return gain(local, benchmark)
 
 
 def _share_observed(human: pd.DataFrame, chosen: NDArray[np.bool_]) -> float:
@@ -359,8 +341,7 @@ def _share_observed(human: pd.DataFrame, chosen: NDArray[np.bool_]) -> float:
 
 
 def _gain(pair: pd.DataFrame, column: str) -> float:
-    total = pair[f"{column}_0"].sum()
-    return float(1.0 - pair[f"{column}_1"].sum() / total) if total > 0.0 else np.nan
+    return gain(pair[f"{column}_1"].sum(), pair[f"{column}_0"].sum())
 
 
 def _with_somebody_worse(pair: pd.DataFrame, band: float) -> pd.DataFrame:

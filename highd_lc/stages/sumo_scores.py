@@ -18,7 +18,7 @@ from highd_lc.planning.planner import Plan, PlanningProblem, contact_of, made_on
 from highd_lc.planning.replay import AvMotion, Replay, clearances
 from highd_lc.planning.scene import Motion
 from highd_lc.scoring import charges
-from highd_lc.stages.validate_samples import Planned
+from highd_lc.stages.tracking_tables import Planned
 from highd_lc.tracking.plan_tracking import PlanTracker
 from highd_lc.vocab import names
 from highd_lc.vocab.policy import POLICIES

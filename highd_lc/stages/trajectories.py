@@ -18,7 +18,7 @@ from highd_lc.reporting.event import PredictionTrace
 from highd_lc.stages.other_planners import OtherPlan
 from highd_lc.stages.scene_drivers import Columns, behind_recorded
 from highd_lc.stages.scenes import TIME_STEP
-from highd_lc.stages.validate_samples import Planned
+from highd_lc.stages.tracking_tables import Planned
 from highd_lc.tracking.plan_tracking import DrivenPlan
 from highd_lc.vocab import names
 from highd_lc.vocab.job import Job

@@ -45,6 +45,7 @@ from highd_lc.stages.statistics import (
     validation_matrix,
 )
 from highd_lc.stages.sumo_scores import SumoTracker, sumo_rows, sumo_summary
+from highd_lc.stages.tracking_tables import Planned, tracking_contacts, tracking_rows, tracking_summary
 from highd_lc.stages.trajectories import (
     JudgedDrivers,
     Trace,
@@ -63,16 +64,7 @@ from highd_lc.stages.validate_robust import (
     situation_ranking,
     trackers_of,
 )
-from highd_lc.stages.validate_samples import (
-    Planned,
-    Samples,
-    pareto_rows,
-    plan_row,
-    samples,
-    tracking_contacts,
-    tracking_rows,
-    tracking_summary,
-)
+from highd_lc.stages.validate_samples import Samples, pareto_rows, plan_row, samples
 from highd_lc.stages.validate_studies import (
     STUDY_TABLES,
     Study,

@@ -13,10 +13,10 @@ from highd_lc.io import artefacts
 from highd_lc.planning import planner
 from highd_lc.planning.crowd import Crowd, crowd_of, event_generator
 from highd_lc.planning.planner import PlanningProblem
-from highd_lc.scoring.population import Bootstrap, bootstrap_of, mean_interval, ratio_interval
+from highd_lc.scoring.population import Bootstrap, bootstrap_of, mean_interval, ratio_interval, seen
 from highd_lc.stages.population_tables import tiles
 from highd_lc.stages.scenes import SceneTables, driven_by
-from highd_lc.stages.statistics import PolicyLosses, seen
+from highd_lc.stages.statistics import PolicyLosses
 from highd_lc.tracking.plan_tracking import PlanTracker
 from highd_lc.vocab import names
 from highd_lc.vocab.policy import PAIRS, ROBUST_PAIRS
@@ -232,4 +232,4 @@ def situation_ranking(events: pd.DataFrame, gains: pd.DataFrame, losses: PolicyL
 def _situation(own: pd.DataFrame) -> Row:
     means = {name: float(own[name].mean()) for name in ("gain_expected", "gain_worst")}
     about = {"n_events": len(own), "share_positive": float((own["gain_worst"] > 0.0).mean())}
-    return about | means | seen(own)
+    return about | means | seen(own["error"], own["effect"])

@@ -13,6 +13,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from highd_lc.core.kernels import kernel
 from highd_lc.core.kinematics import bicycle_step
 from highd_lc.tracking.daqp_call import check_daqp
 from highd_lc.tracking.mpc import (
@@ -226,7 +227,7 @@ def control(
     return flag
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def drive_mpc(
     rows: FloatArray,
     wheelbases: tuple[float, float],
@@ -249,7 +250,7 @@ def drive_mpc(
     drive_span(span, held, rows, wheelbases, noise, p, memory, log)  # type: ignore[arg-type]
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def drive_span(
     span: tuple[int, int],
     held: FloatArray,

@@ -20,9 +20,10 @@ from typing import Any
 import daqp
 import llvmlite.binding as llvm
 import numpy as np
-from numba import njit, types
+from numba import types
 from numpy.typing import NDArray
 
+from highd_lc.core.kernels import kernel
 from highd_lc.vocab.errors import MissingExtraError
 
 FloatArray = NDArray[np.float64]
@@ -105,7 +106,7 @@ else:
 _daqp_quadprog: Any = types.ExternalFunction(_SYMBOL, types.void(types.intp, types.intp, types.intp))
 
 
-@njit(cache=True, nogil=True, inline="always")
+@kernel(inline="always")
 def daqp_solve(
     H: FloatArray,
     f: FloatArray,

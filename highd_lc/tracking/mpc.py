@@ -26,6 +26,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from highd_lc.core.kernels import kernel
 from highd_lc.core.kinematics import error_model_entries
 from highd_lc.tracking.daqp_call import INFINITY, PROBLEM, RESULT, check_daqp, daqp_solve
 from highd_lc.vocab.errors import MissingExtraError
@@ -218,7 +219,7 @@ def bound(input_error: FloatArray, rows: FloatArray, k: int, p: MpcParameters, m
             upper[at + 3] = p.increment[a] + change
 
 
-@njit(cache=True, nogil=True, inline="always")
+@kernel(inline="always")
 def assemble(
     error: FloatArray,
     input_error: FloatArray,
@@ -254,7 +255,7 @@ def solve(memory: MpcMemory) -> int:
     return flag if math.isfinite(checksum) else 0
 
 
-@njit(cache=True, nogil=True, inline="always")
+@kernel(inline="always")
 def kkt_residuals(
     H: FloatArray, f: FloatArray, A: FloatArray, upper: FloatArray, z: FloatArray, lam: FloatArray
 ) -> tuple[float, float, float]:

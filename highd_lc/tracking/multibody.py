@@ -26,6 +26,7 @@ from vehiclemodels.utils.acceleration_constraints import acceleration_constraint
 from vehiclemodels.utils.steering_constraints import steering_constraints
 from vehiclemodels.utils.vehicle_dynamics_ks_cog import vehicle_dynamics_ks_cog
 
+from highd_lc.core.kernels import kernel
 from highd_lc.tracking.closed_loop import Disturbance, invalid_result, noise_rows, reference_rows, summarise
 from highd_lc.tracking.controllers import Controller, MpcController, drive
 from highd_lc.vocab.tracking import Reference, TrackingResult, TrackingSettings
@@ -107,7 +108,7 @@ rate = _bound(
 """The time derivative of the 29 states: rate(states, (steering rate, acceleration), car)."""
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def advance(
     states: FloatArray, held: FloatArray, servo: tuple[float, float], dt: float, substeps: int, p: Any
 ) -> None:

@@ -10,9 +10,9 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from highd_lc.core.kernels import kernel
 from highd_lc.traffic.drivers import Inflow, draw_drivers
 from highd_lc.traffic.lanes import Clock, Drivers, FloatArray, IntArray, Records, Road
 from highd_lc.traffic.simulation import simulate
@@ -46,7 +46,7 @@ def add_sines(
         _add_sines(motion, time, driver, sines, deviation * np.sqrt(2 / sines.shape[1]))
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def _add_sines(
     motion: FloatArray, time: FloatArray, driver: IntArray, sines: FloatArray, amplitude: float
 ) -> None:
@@ -69,7 +69,7 @@ def find_neighbours(frames: Frames) -> NDArray[np.int64]:
     return _find_neighbours(frames.first, frames.x, frames.length, frames.lane)
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def _find_neighbours(first: IntArray, x: FloatArray, length: FloatArray, lane: IntArray) -> NDArray[np.int64]:
     found = np.empty((len(x), 8), np.int64)
     nearest = np.empty(8)
@@ -90,7 +90,7 @@ def _find_neighbours(first: IntArray, x: FloatArray, length: FloatArray, lane: I
     return found
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def _relation(side: int, distance: float, overlap: float) -> int:
     """Column of a neighbour at a distance ahead, on the own lane (0), to the left (1) or right (-1)."""
     if side == 0:

@@ -9,8 +9,8 @@ and Gao, Transportation Research C, 2021). Need overrides both, with the true sp
 import math
 
 import numpy as np
-from numba import njit
 
+from highd_lc.core.kernels import kernel
 from highd_lc.core.lcm import IdmParameters, desired_spacing, idm_acceleration, lcm_acceleration
 from highd_lc.traffic.lanes import (
     IDM,
@@ -42,7 +42,7 @@ _SEES_BESIDE = 60.0  # spacing within which room is made for a vehicle that is a
 _MEMORIES = 5.0  # nothing is remembered after so many memories
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def lcm_behind(vehicles: Records, follower: int, leader: int) -> float:
     """Acceleration [m/s^2] of one vehicle behind another; leader -1 is a free road."""
     me = vehicles[follower]
@@ -54,20 +54,20 @@ def lcm_behind(vehicles: Records, follower: int, leader: int) -> float:
     return lcm_acceleration(me.v, spacing, v_leader, me.v_desire, me.A, me.b, me.B, me.tau, L)
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def common_speed(x: float, road: Road) -> float:
     """Speed [m/s] that all vehicles at a place have gained by the drift; 0 in the middle of the view."""
     reach = 0.5 * road.section + _DRIFTING_BEYOND
     return road.drift / DRIFT_SPEED * min(max(x - 0.5 * road.section, -reach), reach)
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def _common_acceleration(x: float, v: float, road: Road) -> float:
     inside = -_DRIFTING_BEYOND < x < road.section + _DRIFTING_BEYOND
     return road.drift * v / DRIFT_SPEED if inside else 0.0
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def _model(me: Record, v: float, spacing: float, v_leader: float, leader_length: float) -> float:
     """Acceleration [m/s^2] that a driver's model commands; an infinite spacing is a free road."""
     if me.model == IDM:
@@ -78,7 +78,7 @@ def _model(me: Record, v: float, spacing: float, v_leader: float, leader_length:
     return max(a, -HARDEST_BRAKING)
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def _desired(me: Record, v: float, leader_length: float) -> float:
     """Spacing [m] that a driver's model desires behind a leader of the same speed."""
     if me.model == IDM:
@@ -86,7 +86,7 @@ def _desired(me: Record, v: float, leader_length: float) -> float:
     return desired_spacing(v, v, me.b, me.B, me.tau, me.L + leader_length - REFERENCE_LENGTH)
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def wish_behind(vehicles: Records, road: Road, follower: int, leader: int) -> float:
     """Acceleration [m/s^2] of one vehicle's model behind another, without memory; leader -1 is a free road."""
     me = vehicles[follower]
@@ -100,7 +100,7 @@ def wish_behind(vehicles: Records, road: Road, follower: int, leader: int) -> fl
     return _model(me, v, other.x - me.x, v_leader, other.length)
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def needed_braking(gap: float, v: float, v_leader: float, a_leader: float) -> float:
     """Braking [m/s^2] that keeps a follower off a leader who goes on braking as it does.
 
@@ -118,7 +118,7 @@ def needed_braking(gap: float, v: float, v_leader: float, a_leader: float) -> fl
     return need
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def reacts_to(me: Record, other: Record, lane: int, road: Road, time: float) -> bool:
     """Whether a driver reacts to a vehicle ahead that is on its lane, has just come in, or is about to."""
     if other.beside == lane and other.lane != lane:
@@ -127,7 +127,7 @@ def reacts_to(me: Record, other: Record, lane: int, road: Road, time: float) -> 
     return bool(time - other.crossed >= me.ignores)
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def unrest(me: Record, time: float) -> float:
     """Acceleration [m/s^2] of a driver that nothing on the road explains."""
     if me.unrest <= 0.0:
@@ -138,7 +138,7 @@ def unrest(me: Record, time: float) -> float:
     return float(me.unrest * math.sqrt(2.0 / SINES) * total)
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def relaxed_share(me: Record, time: float) -> float:
     """Share of the jumps at the last change of leader that is still given back to the model."""
     if me.relaxation <= 0.0:
@@ -146,14 +146,14 @@ def relaxed_share(me: Record, time: float) -> float:
     return float(max(1.0 - (time - me.since) / me.relaxation, 0.0))
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def remember(me: Record, road: Road, time: float) -> None:
     """Begin to remember what was intended up to now."""
     me.carried = me.a - unrest(me, time) - _common_acceleration(me.x, me.v, road)
     me.began = time
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def take_leader(vehicles: Records, road: Road, vehicle: int, leader: int, time: float) -> None:
     """Follow another leader from now on: what was lost fades, and unless it was seen coming in a memory begins."""
     me = vehicles[vehicle]
@@ -177,7 +177,7 @@ def take_leader(vehicles: Records, road: Road, vehicle: int, leader: int, time: 
     me.leader, me.since, me.watched = leader, time, UNKNOWN
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def intention(vehicles: Records, road: Road, vehicle: int, time: float) -> float:
     """Acceleration [m/s^2] that a driver intends behind the leader to which it reacts."""
     me = vehicles[vehicle]
@@ -195,7 +195,7 @@ def intention(vehicles: Records, road: Road, vehicle: int, time: float) -> float
     return float(a)
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def drive(vehicles: Records, order: IntArray, last: IntArray, road: Road, k: int, time: float) -> float:
     """Acceleration [m/s^2] of the k-th vehicle in the order on the road, downstream first.
 

@@ -10,8 +10,9 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from highd_lc.core.kernels import kernel
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -176,7 +177,7 @@ REFERENCE_LENGTH = 4.6
 _LATERAL_THRESHOLD = 0.1  # lateral speed between whose passings a duration is meant [m/s]
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def full_duration(duration: float, shift: float) -> float:
     """Duration T [s] of the quintic over |shift| [m] whose speed is above 0.1 m/s for the given time [s].
 
@@ -190,7 +191,7 @@ def full_duration(duration: float, shift: float) -> float:
     return T
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def lay_path(me: Record, target: float, seconds: float, time: float) -> None:
     """Lay the quintic from a vehicle's present lateral state to rest at the target y [m] in the given time."""
     T = seconds
@@ -203,7 +204,7 @@ def lay_path(me: Record, target: float, seconds: float, time: float) -> None:
     me.c[5] = (6.0 * shift - 3.0 * speed * T - 0.5 * me.ay * T * T) / T**5
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def begin_change(me: Record, road: Road, lane: int, time: float) -> None:
     """Start a change to an adjacent lane."""
     target = 0.5 * (road.markings[lane] + road.markings[lane + 1]) + me.offset[me.changes + 1]
@@ -213,7 +214,7 @@ def begin_change(me: Record, road: Road, lane: int, time: float) -> None:
     me.changes += 1
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def end_path(traffic: Traffic, vehicle: int, until: float) -> None:
     """Log a path that ended, or was left, at the given time."""
     me, entry = traffic.vehicles[vehicle], traffic.log[traffic.counts[LOGGED]]
@@ -225,7 +226,7 @@ def end_path(traffic: Traffic, vehicle: int, until: float) -> None:
     me.moving = 0
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def follow_path(me: Record, road: Road, time: float) -> None:
     """Move to the lateral state at a time on the path [s]; change lane when the centre is past the marking."""
     t = min(time - me.start, me.seconds)

@@ -9,8 +9,8 @@ present lateral state to the place in the target lane.
 """
 
 import numpy as np
-from numba import njit
 
+from highd_lc.core.kernels import kernel
 from highd_lc.traffic.following import common_speed, drive, lcm_behind, needed_braking, wish_behind
 from highd_lc.traffic.lanes import (
     BROKEN_OFF,
@@ -63,7 +63,7 @@ def simulate(drivers: Drivers, road: Road, clock: Clock) -> Passage:
     return Passage(np.concatenate(blocks), paths[np.argsort(paths["start"], kind="stable")])
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def _advance(step: int, traffic: Traffic, road: Road, clock: Clock, rows: FloatArray) -> tuple[int, int]:
     """Simulate until the end or until the rows might not hold another frame: (next step, rows written)."""
     n_rows = 0
@@ -80,7 +80,7 @@ def _advance(step: int, traffic: Traffic, road: Road, clock: Clock, rows: FloatA
     return step, n_rows
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def _enter(traffic: Traffic, road: Road, time: float) -> None:
     """Let the next vehicle of each lane in as soon as it has arrived and the lane has room for it."""
     vehicles, order = traffic.vehicles, traffic.order
@@ -106,7 +106,7 @@ def _enter(traffic: Traffic, road: Road, time: float) -> None:
         traffic.waiting[lane] += 1
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def _sort_downstream_first(traffic: Traffic) -> None:
     """Insertion sort: the order hardly changes from step to step."""
     vehicles, order = traffic.vehicles, traffic.order
@@ -119,7 +119,7 @@ def _sort_downstream_first(traffic: Traffic) -> None:
         order[j] = vehicle
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def _accelerate(traffic: Traffic, road: Road, time: float) -> None:
     """Every driver's acceleration, from downstream on; at once: the LCM's harder braking of two lanes."""
     vehicles, order, last = traffic.vehicles, traffic.order, traffic.last
@@ -140,7 +140,7 @@ def _accelerate(traffic: Traffic, road: Road, time: float) -> None:
             last[me.beside] = k
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def _record(traffic: Traffic, road: Road, frame: int, rows: FloatArray, n_rows: int) -> int:
     """Write the vehicles whose centre is in view; returns the number of rows written so far."""
     for k in range(traffic.counts[PRESENT]):
@@ -154,7 +154,7 @@ def _record(traffic: Traffic, road: Road, frame: int, rows: FloatArray, n_rows: 
     return n_rows
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def _steer(traffic: Traffic, road: Road, time: float) -> None:
     """Begin changes that are due and pay, break off those that are meant to be, end those that are done."""
     for k in range(traffic.counts[PRESENT]):
@@ -174,7 +174,7 @@ def _steer(traffic: Traffic, road: Road, time: float) -> None:
                     begin_change(me, road, lane, time)
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def _move(traffic: Traffic, road: Road, time: float, dt: float) -> None:
     """One step; vehicles past the end of the road leave."""
     kept = 0
@@ -203,7 +203,7 @@ _PASSING = 2.0  # by so much faster than who is behind there a driver moves to t
 _RETURN_SECONDS = 5.0
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def neighbours(traffic: Traffic, vehicle: int, lane: int) -> tuple[int, int]:
     """The nearest vehicles on a lane ahead of a vehicle's front and not ahead of it; -1 where there is none."""
     vehicles, order = traffic.vehicles, traffic.order
@@ -218,7 +218,7 @@ def neighbours(traffic: Traffic, vehicle: int, lane: int) -> tuple[int, int]:
     return ahead, -1
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def may_follow(vehicles: Records, follower: int, leader: int, driver: int) -> bool:
     """Whether one vehicle could get behind another just now, in the eyes of the driver who changes lane.
 
@@ -238,7 +238,7 @@ def may_follow(vehicles: Records, follower: int, leader: int, driver: int) -> bo
     return bool(needed_braking(gap, behind.v, ahead.v, ahead.a) <= mine.presses)
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def wanted_lane(traffic: Traffic, road: Road, vehicle: int) -> int:
     """The adjacent lane that brings most acceleration, if that is enough and there is room; else -1."""
     vehicles, me = traffic.vehicles, traffic.vehicles[vehicle]
@@ -265,7 +265,7 @@ def wanted_lane(traffic: Traffic, road: Road, vehicle: int) -> int:
     return best
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def may_return(traffic: Traffic, vehicle: int) -> bool:
     """Whether the lane that was left still has room."""
     ahead, behind = neighbours(traffic, vehicle, traffic.vehicles[vehicle].origin)
@@ -274,7 +274,7 @@ def may_return(traffic: Traffic, vehicle: int) -> bool:
     return behind < 0 or may_follow(traffic.vehicles, behind, vehicle, vehicle)
 
 
-@njit(cache=True, nogil=True)
+@kernel()
 def break_off(traffic: Traffic, road: Road, vehicle: int, time: float) -> None:
     """Turn back to the lane left, if there is still room, once the centre is well past the marking."""
     me = traffic.vehicles[vehicle]

@@ -12,6 +12,9 @@ is compiled for this process alone.
 numba also numbers the files of a kernel's signatures in the order of their compilation. Two processes that compile
 two signatures at once both take the next number. The index may then give one signature the machine code of
 the other: other last bits, or wrong numbers. Here a file is named by a hash of source stamp and signature.
+
+Worker processes need the same kernels at the same moment, and numba would have each of them compile all. Here the
+first one to need a kernel compiles it; the others wait for its files.
 """
 
 import hashlib
@@ -59,19 +62,51 @@ def make_trusted(caching: Any) -> None:
             raise pickle.UnpicklingError(f"{name} is torn")
         return pickle.loads(content)
 
-    def load_overload(self: Any, signature: object, context: object) -> object:
+    def read(self: Any, signature: object, context: object) -> object:
         try:
             return load(self, signature, context)
         except Exception:  # of whatever kind garbage raises
             _remove(self._cache_file)
             return None
 
+    def load_overload(self: Any, signature: object, context: object) -> object:
+        found = read(self, signature, context)
+        if found is None and _take_turn(self):
+            return read(self, signature, context)  # another process may have compiled it meanwhile
+        return found
+
     def save_overload(self: Any, signature: object, compiled: object) -> None:
         with suppress(Exception):
             save(self, signature, compiled)
+        _end_turn(self)
 
     files.save, files._save_data, files._load_data = save_signature, save_data, load_data
     cache.load_overload, cache.save_overload = load_overload, save_overload
+
+
+_LONGEST_TURN = 120.0
+"""How long to wait for another process' compilation [s], before compiling for oneself: it may have failed."""
+_turns: dict[str, Any] = {}
+"""The locks of the kernels that this process compiles. A process that ends gives its own back."""
+
+
+def _take_turn(cache: Any) -> bool:
+    """Wait until no other process compiles this kernel; False if that cannot be known."""
+    from filelock import FileLock  # not needed where everything is compiled
+
+    with suppress(Exception):  # a folder that cannot be written to, a file system without locks, too long a turn
+        path = f"{cache._cache_file._index_path}.lock"
+        turn = _turns.setdefault(path, FileLock(path))
+        turn.acquire(timeout=_LONGEST_TURN)
+        return True
+    return False
+
+
+def _end_turn(cache: Any) -> None:
+    """Let other processes compile this kernel, for other signatures."""
+    turn = _turns.pop(f"{cache._cache_file._index_path}.lock", None)
+    if turn is not None:
+        turn.release(force=True)
 
 
 def _remove(kept: Any) -> None:

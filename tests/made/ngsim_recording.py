@@ -30,6 +30,16 @@ class Made:
     recording: Recording
     markings: np.ndarray
 
+    def own(self, name: str) -> np.ndarray:
+        """A column of direction 2, of its tracks or its vehicles, a value a row."""
+        tracks, metas = self.recording.road.tracks, self.recording.vehicles
+        counts = tracks.index.counts
+        if hasattr(metas, name):
+            values = np.repeat(getattr(metas, name), counts)
+        else:
+            values = tracks.index.frame if name == "frame" else getattr(tracks, name)
+        return values[np.repeat(metas.direction == 2, counts)]
+
 
 def carriageway(folder: Path, *, seconds: float = 60.0, seed: int = 6, number: int = 1) -> Made:
     """The lower carriageway of a synthetic recording at 10 Hz, as HighD's reader has it."""
@@ -42,37 +52,30 @@ def carriageway(folder: Path, *, seconds: float = 60.0, seed: int = 6, number: i
 
 def table(made: Made, *, start: int = STARTS[0], first_frame: int = 10) -> pd.DataFrame:
     """Its direction 2 as a table with NGSIM's columns, conventions and rounding."""
-    tracks, metas = made.recording.road.tracks, made.recording.vehicles
-    counts = tracks.index.counts
-    rows = np.repeat(metas.direction == 2, counts)
-    own = {
-        name: np.repeat(getattr(metas, name), counts)[rows] for name in ("id", "length", "width", "vehicle_class")
-    }
-    x, y, vx, ax, lane = (getattr(tracks, name)[rows] for name in ("x", "y", "vx", "ax", "lane"))
-    frame = tracks.index.frame[rows] + first_frame - 1
-    leader = tracks.leader_id[rows]
-    fronts = pd.Series(x + own["length"] / 2, index=pd.MultiIndex.from_arrays([own["id"], frame]))
+    x, length, ids, leader = (made.own(name) for name in ("x", "length", "id", "leader_id"))
+    frame = made.own("frame") + first_frame - 1
+    fronts = pd.Series(x + length / 2, index=pd.MultiIndex.from_arrays([ids, frame]))
     ahead = fronts.reindex(pd.MultiIndex.from_arrays([leader, frame])).to_numpy()
     spacing = np.nan_to_num(ahead - fronts.to_numpy())
     n_lanes = len(made.markings) - 1
     return pd.DataFrame(
         {
-            "Vehicle_ID": own["id"],
+            "Vehicle_ID": ids,
             "Frame_ID": frame,
-            "Total_Frames": np.repeat(counts, counts)[rows],
+            "Total_Frames": made.own("n_frames"),
             "Global_Time": start + 100 * frame,
-            "Local_X": ((made.markings[-1] - y) / FOOT).round(3),
-            "Local_Y": ((x + own["length"] / 2) / FOOT).round(3),
+            "Local_X": ((made.markings[-1] - made.own("y")) / FOOT).round(3),
+            "Local_Y": ((x + length / 2) / FOOT).round(3),
             "Global_X": 6451000.0,
             "Global_Y": 1873000.0,
-            "v_Length": (own["length"] / FOOT).round(2),
-            "v_Width": (own["width"] / FOOT).round(2),
-            "v_Class": np.where(own["vehicle_class"] == "Truck", 3, 2),
-            "v_Vel": (vx / FOOT).round(2),
-            "v_Acc": (ax / FOOT).round(2),
-            "Lane_ID": n_lanes + 1 - lane,
+            "v_Length": (length / FOOT).round(2),
+            "v_Width": (made.own("width") / FOOT).round(2),
+            "v_Class": np.where(made.own("vehicle_class") == "Truck", 3, 2),
+            "v_Vel": (made.own("vx") / FOOT).round(2),
+            "v_Acc": (made.own("ax") / FOOT).round(2),
+            "Lane_ID": n_lanes + 1 - made.own("lane"),
             "Preceding": leader,
-            "Following": tracks.follower_id[rows],
+            "Following": made.own("follower_id"),
             "Space_Headway": (spacing / FOOT).round(2),
             "Time_Headway": 0.0,
         }

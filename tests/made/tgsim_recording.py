@@ -15,27 +15,20 @@ def table(made: Made, *, turned: float = 25.0, run: int = 1, first: float = 3.0)
 
     turned: the way of the road on the image, clockwise from its x axis [degrees]; first: time of frame 1 [s].
     """
-    tracks, metas = made.recording.road.tracks, made.recording.vehicles
-    counts = tracks.index.counts
-    rows = np.repeat(metas.direction == 2, counts)
-    own = {
-        name: np.repeat(getattr(metas, name), counts)[rows] for name in ("id", "length", "width", "vehicle_class")
-    }
-    x, y, vx, ax, lane = (getattr(tracks, name)[rows] for name in ("x", "y", "vx", "ax", "lane"))
-    right = made.markings[-1] - y
+    x, right = made.own("x"), made.markings[-1] - made.own("y")
     cos, sin = np.cos(np.radians(turned)), np.sin(np.radians(turned))
     return pd.DataFrame(
         {
-            "id": own["id"],
-            "time": (first + (tracks.index.frame[rows] - 1) / 10.0).round(1),
+            "id": made.own("id"),
+            "time": (first + (made.own("frame") - 1) / 10.0).round(1),
             "xloc_kf": (100.0 + x * cos - right * sin).round(4),
             "yloc_kf": (80.0 + x * sin + right * cos).round(4),
-            "lane_kf": len(made.markings) - lane,
-            "speed_kf": vx.round(4),
-            "acceleration_kf": ax.round(4),
-            "length_smoothed": own["length"].round(3),
-            "width_smoothed": own["width"].round(3),
-            "type_most_common": np.where(own["vehicle_class"] == "Truck", "large-vehicle", "small-vehicle"),
+            "lane_kf": len(made.markings) - made.own("lane"),
+            "speed_kf": made.own("vx").round(4),
+            "acceleration_kf": made.own("ax").round(4),
+            "length_smoothed": made.own("length").round(3),
+            "width_smoothed": made.own("width").round(3),
+            "type_most_common": np.where(made.own("vehicle_class") == "Truck", "large-vehicle", "small-vehicle"),
             "av": "no",
             "run_index": run,
         }

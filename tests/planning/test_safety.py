@@ -37,14 +37,14 @@ def with_safety(**changed):
     return ValidateSettings.model_validate({"safety": changed})
 
 
-def test_every_constraint_is_that_of_the_twin_on_a_thousand_scenes():
+def test_every_constraint_is_that_of_the_twin_on_two_hundred_scenes():
     met = set()
-    for seed in range(1000):
+    for seed in range(200):
         settings = with_safety(braking=0.0) if seed % 2 else PRACTICE
         task = task_of(scene_of(seed, crowding=1.0), settings)
         T = DURATIONS[:, None] * 0.1
         rng = np.random.default_rng(seed)
-        change = rng.uniform(-3, 3, (3, 4))
+        change = rng.uniform(-3, 3, (3, 20))
         delta = change * T / 2 + rng.uniform(-0.25, 0.25, change.shape) * T**2
         found = evaluate(DURATIONS, delta, change, task.scene, task.terms)
         wanted = planner_twin.unsafe(DURATIONS, delta, change, task.scene, task.terms)

@@ -133,7 +133,7 @@ def twin_losses(problem, plan, waiting):
 
 
 @pytest.mark.parametrize("waiting", ["constant", "lcm"])
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", range(3))
 def test_losses_are_those_of_a_twin_simulated_from_t_start(seed, waiting):
     problem = pose(random_scene(np.random.default_rng(seed)), with_planner(waiting=waiting, latest_end_s=15.0))
     for plan in plan_starts(problem):
@@ -192,7 +192,7 @@ CONTAINS = {
 }
 
 
-@pytest.mark.parametrize("seed", range(20, 28))
+@pytest.mark.parametrize("seed", range(20, 25))
 def test_no_policy_loses_to_one_that_it_contains(seed):
     problem = pose(random_scene(np.random.default_rng(seed)), with_planner(waiting="lcm"))
     plans = {(p.policy, p.accounting): p for p in [*plan_all(problem), *plan_starts(problem)]}

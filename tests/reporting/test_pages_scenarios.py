@@ -6,6 +6,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from highd_lc.reporting import labels
 from highd_lc.reporting import pages_scenarios as pages
 from highd_lc.reporting.figures_scenarios import PrintedLosses, loss_figure, printed_state_figure, weight_figure
 from highd_lc.reporting.figures_space_time import (
@@ -53,12 +54,12 @@ def scenario_cells():
 
 
 def test_words():
-    assert pages.scenario_words("2_15") == "2, AV 15 m/s"
-    assert pages.scenario_words("3") == "3"
+    assert labels.scenario("2_15") == "2, AV 15 m/s"
+    assert labels.scenario("3") == "3"
     assert pages.quantity_words("rectangle_time_s 4") == "time in the rectangle, HV 4"
     assert pages.quantity_words("loss_total") == "total loss"
     assert pages.quantity_words("change loss_hv") == "relative change of followers' loss"
-    assert pages.scenario_words("table_3") == "Table 3"
+    assert labels.scenario("table_3") == "Table 3"
 
 
 def test_claims_show_verdict_and_count_in_every_cell():

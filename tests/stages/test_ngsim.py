@@ -31,12 +31,6 @@ def rows(made):
     return table(made)
 
 
-def own(made, name):
-    """A column of direction 2 as it was made."""
-    tracks, metas = made.recording.road.tracks, made.recording.vehicles
-    return getattr(tracks, name)[np.repeat(metas.direction == 2, tracks.index.counts)]
-
-
 def read(data, recording=1, smoothing="auto"):
     settings = IngestSettings(ngsim_smoothing=smoothing)
     return format_of(data, "auto").read(data, recording, settings)
@@ -53,12 +47,12 @@ def test_positions_and_speeds_are_those_that_were_written(tmp_path, made, rows, 
     written(way, tmp_path, rows)
     found = read(tmp_path)
     tracks = found.road.tracks
-    np.testing.assert_allclose(tracks.x, own(made, "x"), atol=ROUNDING)
-    offset = tracks.y - own(made, "y")  # the outer markings are estimates
+    np.testing.assert_allclose(tracks.x, made.own("x"), atol=ROUNDING)
+    offset = tracks.y - made.own("y")  # the outer markings are estimates
     assert np.ptp(offset) < 0.0011 * FOOT
-    np.testing.assert_allclose(tracks.vx, own(made, "vx"), atol=0.0051 * FOOT)
-    assert tracks.lane.tolist() == own(made, "lane").tolist()
-    assert tracks.leader_id.tolist() == own(made, "leader_id").tolist()
+    np.testing.assert_allclose(tracks.vx, made.own("vx"), atol=0.0051 * FOOT)
+    assert tracks.lane.tolist() == made.own("lane").tolist()
+    assert tracks.leader_id.tolist() == made.own("leader_id").tolist()
     inner = (made.markings[-1] - made.markings)[::-1][1:-1]
     assert np.abs(np.diff(found.meta.lower[1:-1]) - np.diff(inner)).max() < 0.1
     assert found.notes == ()
@@ -172,7 +166,7 @@ def test_noisy_positions_are_smoothed_and_clean_ones_are_not(tmp_path, made, row
     (note,) = found.notes
     assert "of noise: smoothed over (0.5, 1.0, 4.0) s" in note
     assert rough.notes == ()
-    error = found.road.tracks.x - own(made, "x")
+    error = found.road.tracks.x - made.own("x")
     assert np.std(error) < 0.6 * 0.15
     assert np.std(found.road.tracks.ax) < 0.7
 
@@ -195,7 +189,7 @@ def test_a_wandering_road_is_straightened(tmp_path, made, rows):
     write_csv(tmp_path / "us101.csv", rows.assign(Local_X=rows["Local_X"] + bend))
     found = read(tmp_path)
     assert "sideways along the section: straightened" in found.notes[0]
-    offset = found.road.tracks.y - own(made, "y")
+    offset = found.road.tracks.y - made.own("y")
     assert np.std(offset) < 0.15
     assert found.road.lane_mismatches.sum() < 0.02 * len(rows)
 

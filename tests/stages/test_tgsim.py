@@ -26,12 +26,6 @@ def rows(made):
     return table(made)
 
 
-def own(made, name):
-    """A column of direction 2 as it was made."""
-    tracks, metas = made.recording.road.tracks, made.recording.vehicles
-    return getattr(tracks, name)[np.repeat(metas.direction == 2, tracks.index.counts)]
-
-
 def write(folder, rows, name="I395_Trajectories.csv"):
     folder.mkdir(exist_ok=True, parents=True)
     rows.to_csv(folder / name, index=False)
@@ -47,11 +41,11 @@ def test_positions_and_speeds_are_those_that_were_written_however_the_road_lies(
     found = read(write(tmp_path, table(made, turned=turned)))
     tracks = found.road.tracks
     # The way of the road is that of the vehicles' displacements: 1e-4 over 400 m.
-    assert np.ptp(tracks.x - own(made, "x")) < 0.001
-    assert np.ptp(tracks.y - own(made, "y")) < 0.05
-    np.testing.assert_allclose(tracks.vx, own(made, "vx"), atol=1e-4)
+    assert np.ptp(tracks.x - made.own("x")) < 0.001
+    assert np.ptp(tracks.y - made.own("y")) < 0.05
+    np.testing.assert_allclose(tracks.vx, made.own("vx"), atol=1e-4)
     for name in ("lane", "leader_id", "follower_id"):
-        assert getattr(tracks, name).tolist() == own(made, name).tolist(), name
+        assert getattr(tracks, name).tolist() == made.own(name).tolist(), name
     inner = (made.markings[-1] - made.markings)[::-1][1:-1]
     assert np.abs(np.diff(found.meta.lower[1:-1]) - np.diff(inner)).max() < 0.1
     assert found.notes == ()
@@ -108,7 +102,7 @@ def test_a_road_that_bends_is_refused_by_its_angle(tmp_path, made):
 
 
 def test_a_short_lane_is_a_ramp_and_nobody_changes_to_it(tmp_path, rows, made):
-    along, right = own(made, "x"), rows["lane_kf"] == rows["lane_kf"].max()
+    along, right = made.own("x"), rows["lane_kf"] == rows["lane_kf"].max()
     stays = rows.groupby("id")["lane_kf"].transform("nunique") == 1
     ramp = rows[right & stays & (along < 0.4 * along.max())]
     way = np.radians(25.0)

@@ -4,7 +4,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from highd_lc.stages.validate_samples import tracking_contacts, tracking_summary
+from highd_lc.stages.tracking_tables import tracking_contacts, tracking_summary
 from highd_lc.vocab import names
 from highd_lc.vocab.tables import TABLES
 

@@ -10,7 +10,7 @@ from running import FIXTURES, validated
 
 from highd_lc.io import artefacts
 from highd_lc.stages import validate
-from highd_lc.stages.validate_samples import Planned
+from highd_lc.stages.tracking_tables import Planned
 from highd_lc.vocab import names
 from highd_lc.vocab.job import Job, Provenance
 from highd_lc.vocab.settings import Settings

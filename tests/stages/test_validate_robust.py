@@ -5,7 +5,8 @@ import pandas as pd
 import pytest
 
 from highd_lc.io import artefacts
-from highd_lc.stages.statistics import PolicyLosses, seen
+from highd_lc.scoring.population import seen
+from highd_lc.stages.statistics import PolicyLosses
 from highd_lc.stages.validate_robust import event_gains, judges_among, robust_summary, situation_ranking
 from highd_lc.vocab import names
 from highd_lc.vocab.job import Provenance
@@ -134,10 +135,10 @@ def test_models_of_positive_skill_are_those_that_beat_the_best_naive_one_at_both
 
 def test_error_and_effect_of_nothing_are_unknown():
     events = pd.DataFrame({"error": [1.0, np.nan], "effect": [0.0, 7.0]})
-    assert np.isnan(seen(events)["error_over_effect"])
-    assert np.isnan(seen(events.iloc[1:])["error"])
+    assert np.isnan(seen(*events.to_numpy().T)["error_over_effect"])
+    assert np.isnan(seen(*events.iloc[1:].to_numpy().T)["error"])
 
 
 def test_error_and_effect_are_means_over_the_events_that_have_both():
     events = pd.DataFrame({"error": [1.0, -3.0, 5.0], "effect": [4.0, -4.0, np.nan]})
-    assert seen(events) == {"effect": 4.0, "error": 2.0, "error_over_effect": 0.5}
+    assert seen(*events.to_numpy().T) == {"effect": 4.0, "error": 2.0, "error_over_effect": 0.5}

@@ -22,7 +22,7 @@ SETTINGS = Settings.model_validate(
             "studies": {
                 "sample": 3, "solver_sample": 1, "solver_starts": 2, "draws": 4, "replans": 2,
                 "population": 24, "generations": 6, "horizons_s": [5.0], "multibody_sample": 2,
-                "safety_sample": 2,
+                "safety_sample": 2, "start_sample": 4,
             },
             "trajectories": "none",
             "robust": {"sample": 3, "draws": 2},
