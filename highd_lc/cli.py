@@ -6,6 +6,7 @@ Commands import what they run themselves: what one of them does not need would c
 import logging
 import sys
 import traceback
+from contextlib import nullcontext
 from importlib.metadata import version
 from pathlib import Path
 from typing import Annotated, Any
@@ -75,6 +76,8 @@ Planners = Annotated[
 
 DEFAULT_REPORTS = Path("reports")
 _SCENARIOS = settings_file.SCENARIOS
+_WITHOUT_PLANS = ("ingest", "extract", "calibrate")
+"""Stages that need no kernel of the planner."""
 
 
 def _go(
@@ -87,6 +90,7 @@ def _go(
     dry_run: bool = False,
 ) -> None:
     from highd_lc import engine
+    from highd_lc.api.compiling import compiling_ahead
 
     if dry_run:
         rows = engine.preview(settings, options, last=stage)
@@ -94,7 +98,8 @@ def _go(
         return
     outcome = Outcome()
     try:
-        with signals_as_errors():
+        plans_here = stage not in _WITHOUT_PLANS and options.scheduler is None
+        with signals_as_errors(), compiling_ahead() if plans_here else nullcontext():
             engine.run(settings, options, last=stage, console=errors if as_json else console, outcome=outcome)
     except HighdLcError as error:
         list_problems([problem for problem in outcome.problems if problem.message not in str(error)])
