@@ -4,6 +4,7 @@ Each writer takes a scene and a folder, and gives the files. x and y are those o
 with the recording's markings, from 100 m behind everybody to 100 m ahead of all.
 """
 
+import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -67,7 +68,10 @@ def write_omega_prime(scene: ExportScene, out: Path) -> list[Path]:
     )  # fmt: skip
     out.mkdir(parents=True, exist_ok=True)
     path = out / f"{scene.name}.mcap"
-    omega_prime.Recording(df=table, host_vehicle_idx=ids[names.EGO], validate=True).to_mcap(str(path))
+    recording = omega_prime.Recording(df=table, host_vehicle_idx=ids[names.EGO], validate=True)
+    with warnings.catch_warnings():  # its own two libraries name neighbouring versions of OSI
+        warnings.filterwarnings("ignore", message="GroundTruth.version")
+        recording.to_mcap(str(path))
     return [path]
 
 

@@ -175,20 +175,22 @@ def _notices(report: EventReport) -> list[str]:
     if not report.plans:
         return ["This event could not be planned; the run lists why. The recorded motion alone is shown."]
     infeasible = [row for row in report.plans if event_rows.is_infeasible(row)]
-    return [_infeasible_notice(policy, rows) for policy, rows in event_rows.by_policy(infeasible).items()]
+    alike: dict[str, list[str]] = {}
+    for policy, rows in event_rows.by_policy(infeasible).items():
+        alike.setdefault(_why_infeasible(policy, rows), []).append(labels.look(policy).label)
+    return [f"{'; '.join(policies)}: {why}" for why, policies in alike.items()]
 
 
-def _infeasible_notice(policy: str, rows: list[Row]) -> str:
+def _why_infeasible(policy: str, rows: list[Row]) -> str:
     where = ", ".join(labels.ACCOUNTING_NAMES[row["accounting"]].lower() for row in rows)
-    label = labels.look(policy).label
     if policy not in POLICIES:
-        return f"{label}: no plan ({rows[0]['reason']})."
+        return f"no plan ({rows[0]['reason']})."
     if all(row["status"] == names.INFEASIBLE_AT_START for row in rows):
-        return f"{label}: vehicles overlap already at the start, so there is no plan (accounting: {where})."
+        return f"vehicles overlap already at the start, so there is no plan (accounting: {where})."
     rejected = event_rows.sorted_counts(rows[0]["rejected_by"])
     why = ", ".join(f"{event_rows.constraint(name)} {count}" for name, count in rejected)
     return (
-        f"{label}: none of {rows[0]['candidates']} candidates meets all constraints (accounting: {where})"
+        f"none of {rows[0]['candidates']} candidates meets all constraints (accounting: {where})"
         f"{'. Rejected by: ' + why if why else ''}. The table of margins below tells how close they came."
     )
 

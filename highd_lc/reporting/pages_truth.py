@@ -9,7 +9,7 @@ import pandas as pd
 from highd_lc.reporting import figures_prediction as figures
 from highd_lc.reporting import html, labels
 from highd_lc.reporting.pages_data import Column, Section, overview_page, percentage, table_view
-from highd_lc.vocab.driver import PARAMETERS
+from highd_lc.vocab.driver import PARAMETERS, UNITS
 from highd_lc.vocab.tables.fits import TRUE, TRUTH_HORIZONS
 from highd_lc.vocab.tables.prediction import RECORDED
 
@@ -17,6 +17,13 @@ PAGE: Final = "truth.html"
 _TRUTH: Final = "truth"
 _AT: Final = 5.0
 _CLASS: Final = ["spacing", "closing"]
+_CONSTANTS: Final = {
+    **labels.PARAMETERS,
+    "memory_s": "memory",
+    "relaxation_s": "relaxation",
+    "moment": "moment, share of the way",
+}
+_OTHER_UNITS: Final = {"memory_s": "s", "relaxation_s": "s"}
 _LEAST: Final = 3
 """Fewer followers than this are no class of a response."""
 
@@ -120,9 +127,11 @@ def _response_section(table: pd.DataFrame) -> Section:
         figures.dose_figure(drawn, [_TRUTH, *models], _TRUTH), f"{title}; numbers in the table."
     )
     wide = one.assign(**{model: curve["fitted"] for model, curve in curves.items()})
+    wide = wide.sort_values(_CLASS, key=lambda classes: classes.map(figures.class_order))
+    wide[_CLASS] = wide[_CLASS].map(figures.class_label)
     columns = [
-        Column("spacing", "Spacing"),
-        Column("closing", "Closing speed"),
+        Column("spacing", "Spacing", "m"),
+        Column("closing", "Closing speed", "m/s"),
         Column("n", "Followers", digits=0),
         Column(_TRUTH, "True drivers", "m/s", 2),
         *(Column(model, labels.follower_model(model), "m/s", 2) for model in models),
@@ -142,7 +151,8 @@ def _constants_section(table: pd.DataFrame) -> Section:
             rows.append(
                 {
                     "label": labels.follower_model(str(model)),
-                    "constant": name,
+                    "constant": _CONSTANTS.get(name, name),
+                    "unit": UNITS.get(name, _OTHER_UNITS.get(name, "")),
                     "n": len(pair),
                     "fitted": pair[name].median(),
                     "true": pair[f"{name}{TRUE}"].median(),
@@ -157,6 +167,7 @@ def _constants_section(table: pd.DataFrame) -> Section:
     columns = (
         Column("label", "Fitted driver"),
         Column("constant", "Constant"),
+        Column("unit", "Unit"),
         Column("n", "Followers", digits=0),
         Column("fitted", "Median, fitted", digits=2),
         Column("true", "true", digits=2),

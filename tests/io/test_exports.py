@@ -93,9 +93,11 @@ def test_a_change_that_is_no_event_and_motions_that_were_not_written_are_told(ev
         exported((tmp_path, event[1]), "csv", out=tmp_path, raw=True)
 
 
-def test_omega_prime_reads_its_own_schema_again(event, scene, tmp_path):
+def test_omega_prime_reads_its_own_schema_again(event, scene, tmp_path, recwarn):
     omega_prime = pytest.importorskip("omega_prime", reason="extra export is not installed")
+    recwarn.clear()
     (path,) = exported(event, "omega-prime", policy=POLICY, out=tmp_path, raw=True)
+    assert not [one for one in recwarn if issubclass(one.category, UserWarning)]
     found = omega_prime.Recording.from_file(str(path), validate=True)
     table = found.df.to_pandas()
     assert len(table) == len(scene.rows)

@@ -187,8 +187,12 @@ def infeasible_event() -> EventReport:
         numbers = {name: np.nan for name in _LOSSES}
         return {**row, **numbers, "loss_hv_each": [], "follower_weights": []}
 
+    surface = report.surface
+    assert surface is not None
+    nothing = {accounting: np.zeros_like(mask) for accounting, mask in surface.feasible.items()}
     return replace(
         report,
+        surface=replace(surface, feasible=nothing),
         plans=tuple(map(plan, report.plans)),
         losses=tuple(map(loss, report.losses)),
         plays=tuple(p for p in report.plays if p.policy not in names.FIXED_POLICIES),

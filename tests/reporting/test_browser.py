@@ -262,6 +262,8 @@ def test_an_infeasible_event_offers_what_there_is(opened):
     assert "benchmark" not in offered
     assert page.input_value("#policy") == "human"
     assert "meets all constraints" in page.inner_text(".notice >> nth=0")
+    assert "No candidate of this grid meets all constraints" in page.inner_text("#surface .legend")
+    assert page.locator(".road rect.ego").count() == 1
 
 
 def test_printing_shows_content_without_controls(opened):

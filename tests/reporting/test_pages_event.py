@@ -82,7 +82,8 @@ def test_a_page_asks_for_nothing():
 def test_an_infeasible_event_says_why():
     report = infeasible_event()
     text = text_of(event_page(report, Links()))
-    assert "none of 3888 candidates meets all constraints" in text
+    assert "Benchmark; Local optimum: none of 3888 candidates meets all constraints" in text
+    assert text.count("none of 3888 candidates") == 1
     assert "Rejected by: lateral jerk 1200, clearance to target leader 34." in text
     assert "−0.75" in text
     assert np.isnan(report.gain())

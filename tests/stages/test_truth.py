@@ -91,6 +91,8 @@ def test_the_page_and_the_artefact_hold_the_table():
     page = truth_page(table)
     assert "Response curves" in page
     assert "True drivers" in page
+    assert "reaction time tau" in page
+    assert "< -2" not in page
     artefacts.to_arrow("truth", table, Provenance("", {}, 1, ""))
     assert "No follower" in truth_page(table.iloc[:0])
 

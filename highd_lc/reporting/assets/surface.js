@@ -34,7 +34,7 @@ class SurfaceView {
     const mask = bytes(packed.feasible);
     const feasible = (k) => Boolean((mask[k >> 3] >> (k & 7)) & 1);
     const inside = [...values].filter((value, k) => feasible(k) && Number.isFinite(value)).sort((a, b) => a - b);
-    const low = inside[0], high = inside[Math.floor(0.9 * (inside.length - 1))];
+    const [low, high] = inside.length ? [inside[0], inside[Math.floor(0.9 * (inside.length - 1))]] : [0, 1];
     const blocked = packed.blocked ? bytes(packed.blocked) : null;
     this.svg.replaceChildren(this.image(values, feasible, low, high, blocked), ...this.axes(), ...this.points(accounting, looks));
     const name = { joint: "Joint objective, equal weights", av: "Loss of the AV", hv: "Loss of the followers" }[quantity];
