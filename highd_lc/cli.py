@@ -3,6 +3,10 @@
 Commands import what they run themselves: what one of them does not need would cost it a second of start-up.
 """
 
+from highd_lc import one_thread  # noqa: F401  before anything imports numpy
+
+# isort: split
+
 import logging
 import sys
 import traceback

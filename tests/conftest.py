@@ -26,9 +26,9 @@ _WITHOUT_KERNELS = (
 )  # fmt: skip
 """Long ones for the other processes meanwhile: with an empty cache they would compile the same kernels."""
 _LONGEST = (
-    "regression/test_recompute", "stages/test_validate_studies", "faults/test_no_events", "faults/test_cluster",
-    "faults/test_storage", "faults/test_resume", "stages/test_crosslinks", "faults/test_streams",
-    "stages/test_report_stage", "faults/test_stages_asked_for", "stages/test_own_model",
+    "regression/test_recompute", "docs/test_ledger", "stages/test_validate_studies", "faults/test_no_events",
+    "faults/test_cluster", "faults/test_storage", "faults/test_resume", "stages/test_crosslinks",
+    "faults/test_streams", "stages/test_report_stage", "faults/test_stages_asked_for", "stages/test_own_model",
     "stages/test_report_command", "drivers/test_genetic", "stages/test_extract", "planning/test_search",
     "planning/test_start_planner", "stages/test_sumo", "api/test_door", "commands/test_multiverse_command",
     "stages/test_multiverse",

@@ -10,8 +10,7 @@ from highd_lc.reporting import figures_studies as figures
 from highd_lc.reporting import html, labels
 from highd_lc.reporting.figures_population import visible
 from highd_lc.reporting.pages_data import Column, Section, overview_page, percentage, table_view
-from highd_lc.reporting.pages_robust import quoted, robust_sections
-from highd_lc.reporting.pages_sumo import sumo_sections
+from highd_lc.reporting.pages_robust import quoted, robust_sections, sumo_sections
 from highd_lc.vocab import names
 
 _WORST_SHOWN: Final = 50

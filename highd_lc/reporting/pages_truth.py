@@ -10,8 +10,8 @@ from highd_lc.reporting import figures_prediction as figures
 from highd_lc.reporting import html, labels
 from highd_lc.reporting.pages_data import Column, Section, overview_page, percentage, table_view
 from highd_lc.vocab.driver import PARAMETERS, UNITS
+from highd_lc.vocab.tables.fits import TRUE, TRUTH_HORIZONS
 from highd_lc.vocab.tables.prediction import RECORDED
-from highd_lc.vocab.tables.truth import HORIZONS, TRUE
 
 PAGE: Final = "truth.html"
 _TRUTH: Final = "truth"
@@ -57,7 +57,7 @@ def recovery(table: pd.DataFrame) -> pd.DataFrame:
     rows = []
     first = table[table["follower"] == 1]
     for model, own in first.groupby("model", sort=False):
-        for horizon in HORIZONS:
+        for horizon in TRUTH_HORIZONS:
             curve = response(own, horizon)
             weights, true = curve["n"].to_numpy(float), curve[_TRUTH].to_numpy(float)
             size = float(np.sqrt((weights * true**2).sum()))

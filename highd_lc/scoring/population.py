@@ -204,14 +204,15 @@ def _bootstrap_t(above: FloatArray, below: FloatArray, bootstrap: Bootstrap) -> 
     NaN where a cluster or two carry everything. above, below: sums of each cluster. Student's t alone is too short
     on the side of a skewed effect's tail.
     """
-    weights = _draws(len(above), bootstrap)
-    drawn, rest = weights @ below, below.sum() - below
-    tail = (1.0 - bootstrap.confidence) / 2.0
-    if rest.min() <= 0.0 or np.mean(drawn <= 0.0) > tail / 2.0:
+    # One pass over the draws for all their sums: with many clusters they take longer to read than to add up.
+    powers = np.stack([below, above, above**2, above * below, below**2], axis=1)
+    drawn, rest = _draws(len(above), bootstrap) @ powers, below.sum() - below
+    nothing, tail = drawn[:, 0] <= 0.0, (1.0 - bootstrap.confidence) / 2.0
+    if rest.min() <= 0.0 or np.mean(nothing) > tail / 2.0:
         return Interval(np.nan, np.nan)
     ratio = float(above.sum() / below.sum())
     error = _jackknife_error((above.sum() - above) / rest)
-    deviations = _studentised(above, below, weights[drawn > 0.0], ratio)
+    deviations = _studentised(drawn[~nothing], ratio, len(above))
     low, high = np.quantile(deviations, [tail, 1.0 - tail])
     least = student(len(above) - 1, 1.0 - tail)
     if max(abs(low), abs(high)) > _WILDEST * least:
@@ -229,11 +230,14 @@ def _jackknife_error(left_out: FloatArray) -> float:
     return float(np.sqrt((count - 1.0) / count * ((left_out - left_out.mean()) ** 2).sum()))
 
 
-def _studentised(above: FloatArray, below: FloatArray, weights: FloatArray, ratio: float) -> FloatArray:
-    """Deviation of each draw's ratio over its own linearised error; 0 where a draw has no spread."""
-    count, total = weights.shape[1], weights @ below
-    drawn = weights @ above / total
-    squares = weights @ above**2 - 2.0 * drawn * (weights @ (above * below)) + drawn**2 * (weights @ below**2)
+def _studentised(sums: FloatArray, ratio: float, count: int) -> FloatArray:
+    """Deviation of each draw's ratio over its own linearised error; 0 where a draw has no spread.
+
+    sums: of the powers that ``_bootstrap_t`` adds up, a row a draw; count: of the clusters.
+    """
+    total, above, above_2, product, total_2 = sums.T
+    drawn = above / total
+    squares = above_2 - 2.0 * drawn * product + drawn**2 * total_2
     error = np.sqrt(count / (count - 1.0) * np.maximum(squares, 0.0)) / total
     deviations: FloatArray = np.divide(drawn - ratio, error, out=np.zeros_like(error), where=error > 0.0)
     return deviations
@@ -263,6 +267,12 @@ def ratio_of_sums(one: FloatArray, other: FloatArray) -> float:
     """Ratio of two sums; NaN where the lower one is nothing beside what was added, but for rounding."""
     total, added = other.sum(), np.abs(one).sum() + np.abs(other).sum()
     return float(one.sum() / total) if abs(total) > _NOTHING * added else np.nan
+
+
+def known_mean(values: FloatArray) -> float:
+    """Mean of what is known, NaN of nothing."""
+    known = values[~np.isnan(values)]
+    return float(known.mean()) if len(known) else np.nan
 
 
 def gain(local: float, benchmark: float) -> float:

@@ -22,7 +22,7 @@ from highd_lc.drivers.prediction import (
 )
 from highd_lc.io import artefacts
 from highd_lc.reporting.follower_words import LOSS_COLUMNS, effects_of, followers_say
-from highd_lc.scoring.population import LEAST_CLUSTERS, Bootstrap, mean_interval_of, ratio_interval
+from highd_lc.scoring.population import LEAST_CLUSTERS, Bootstrap, known_mean, mean_interval_of, ratio_interval
 from highd_lc.vocab import names
 from highd_lc.vocab.tables import TABLES
 from highd_lc.vocab.tables.prediction import (
@@ -111,7 +111,7 @@ class _Stratum:
         """A row a model."""
         absolute = {name: np.abs(error) for name, error in self._errors.items()}
         naive = [name for name in names.NAIVE_MODELS if name in absolute]
-        best = min(naive, key=lambda name: _mean(absolute[name])) if naive else ""
+        best = min(naive, key=lambda name: known_mean(absolute[name])) if naive else ""
         for name, own in self._models.items():
             about = {"model": name, "n_events": len(self._units), "best_naive": best}
             about |= {"interval": self._over, "reason": self._reason}
@@ -144,10 +144,10 @@ class _Stratum:
 def _motion(own: Arrays) -> Row:
     """Means of a model's motion over the events without its contacts, and the contacts, also the recorded ones."""
     usable = ~own["contact"].astype(bool)
-    row: Row = {name: _mean(own[name][usable]) for name in _MEANS}
+    row: Row = {name: known_mean(own[name][usable]) for name in _MEANS}
     # A driver that hardly accelerates has a J of any size: the middle one is told.
     row["paper_j"] = _quantile(own["paper_j"][usable], 0.5)
-    row["loss_error"] = _mean(np.abs(own["loss_simulated"] - own["loss_recorded"])[usable])
+    row["loss_error"] = known_mean(np.abs(own["loss_simulated"] - own["loss_recorded"])[usable])
     row["contacts"] = int((~usable).sum())
     row["contacts_recorded"] = int(own["contact_recorded"].sum())
     return row
@@ -159,12 +159,6 @@ def _by_model(part: pd.DataFrame, columns: Iterable[str]) -> Iterator[tuple[str,
     code, models = pd.factorize(part["model"])
     for k, model in enumerate(models):
         yield str(model), {name: column[code == k] for name, column in values.items()}
-
-
-def _mean(values: FloatArray) -> float:
-    """Mean of what is known, NaN of nothing."""
-    known = values[~np.isnan(values)]
-    return float(known.mean()) if len(known) else np.nan
 
 
 def _quantile(values: FloatArray, share: float) -> float:
@@ -215,9 +209,9 @@ def _dose(events: Arrays, who: str) -> dict[str, float]:
     known = change[~np.isnan(change)]
     return {
         "n_events": len(change),
-        "change": _mean(change),
+        "change": known_mean(change),
         "sd": float(known.std(ddof=1)) if len(known) > 1 else np.nan,
-        "peak_decel": _mean(peak),
+        "peak_decel": known_mean(peak),
         "peak_decel_95": _quantile(peak, 0.95),
     }
 

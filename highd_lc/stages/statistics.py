@@ -18,6 +18,7 @@ from highd_lc.scoring.population import (
     gain,
     gain_of_added,
     hodges_lehmann,
+    known_mean,
     mean_interval,
     padded,
     ratio_interval,
@@ -32,6 +33,8 @@ from highd_lc.vocab.tables import TABLES
 from highd_lc.vocab.tables.summaries import ADDED, ADDS_NOTHING, NO_REFERENCE, OTHER_TIME, SPEED_CLASSES
 
 FloatArray = NDArray[np.float64]
+Arrays = dict[str, NDArray[Any]]
+"""Columns of some rows of a table."""
 
 _COMPARED = (
     *((local, benchmark) for benchmark, local in PAIRS.values()),
@@ -69,10 +72,10 @@ _CELL_COLUMNS = (
     "hv_unchanged",
     "weight",
     "leader_seen_s",
-    "somebody_worse",
     "contact",
     *(f"loss_{side}_{k}" for side in ("total", "hv", "av") for k in (1, 0)),
 )
+_SAMPLES = ("follower_n_samples", "recorded_n_samples")
 _SPACINGS = ((0, 15), (15, 30), (30, 60), (60, np.inf))
 _CLOSING = ((-np.inf, -2), (-2, 2), (2, np.inf))
 _SPEEDS = tuple(pairwise((0.0, *SPEED_CLASSES, np.inf)))
@@ -225,16 +228,17 @@ def validation_matrix(
             pair = losses.pair(accounting, local, benchmark)
             if pair.empty:
                 continue
-            pair = _with_somebody_worse(pair, settings.tie_band)
+            one, other = _followers(pair)
             pair = _with_reference(pair, losses.of(accounting, names.NO_LANE_CHANGE), events, settings)
-            pair = pair[list(_CELL_COLUMNS)]
             human = losses.of(accounting, names.HUMAN).reindex(pair.index)
+            columns: Arrays = {name: pair[name].to_numpy() for name in _CELL_COLUMNS}
+            columns |= {name: human[name].to_numpy(float) for name in _SAMPLES}
+            columns["somebody_worse"] = np.asarray((one > other * (1.0 + settings.tie_band)).any(axis=1))
             for stratum, inside in members.items():
                 chosen = inside.reindex(pair.index).to_numpy(bool)
                 if chosen.any():
                     row = {"form": form, "accounting": accounting, "stratum": stratum}
-                    row |= _cell(pair[chosen], accounting, bootstrap, settings.tie_band)
-                    rows.append(row | {"share_observed": _share_observed(human, chosen)})
+                    rows.append(row | _cell(_of(columns, chosen), accounting, bootstrap, settings.tie_band))
     return pd.DataFrame(rows, columns=list(TABLES["validation_matrix"].column_names))
 
 
@@ -275,18 +279,21 @@ def _with_reference(
     return pair.assign(cluster=clusters_of(events, settings).reindex(pair.index), **known, **about)
 
 
-def _cell(pair: pd.DataFrame, accounting: str, bootstrap: Bootstrap, band: float) -> dict[str, Any]:
-    both = pair["loss_total_1"].notna().to_numpy() & pair["loss_total_0"].notna().to_numpy()
-    contact = pair["contact"].to_numpy(bool)
-    solved = pair[both & ~contact]
-    local, benchmark = solved["loss_total_1"].to_numpy(), solved["loss_total_0"].to_numpy()
+def _of(columns: Arrays, chosen: NDArray[np.bool_]) -> Arrays:
+    return {name: values[chosen] for name, values in columns.items()}
+
+
+def _cell(pair: Arrays, accounting: str, bootstrap: Bootstrap, band: float) -> dict[str, Any]:
+    """The numbers of a cell. pair: its events as ``validation_matrix`` has them."""
+    both, contact = ~(np.isnan(pair["loss_total_1"]) | np.isnan(pair["loss_total_0"])), pair["contact"]
+    solved = _of(pair, both & ~contact)
+    local, benchmark, clusters = solved["loss_total_1"], solved["loss_total_0"], solved["cluster"]
     relative = local / benchmark - 1.0
-    clusters = solved["cluster"].to_numpy()
     better, worse, tied = shares(relative, band)
     ratio = ratio_interval(clusters, local, benchmark, bootstrap)
     return {
-        "n_events": len(pair),
-        "n_recordings": int(pair["recording_id_1"].nunique()),
+        "n_events": len(contact),
+        "n_recordings": len(np.unique(pair["recording_id_1"])),
         "n_clusters": len(np.unique(clusters)),
         "total_benchmark": float(benchmark.sum()),
         "total_local": float(local.sum()),
@@ -300,54 +307,48 @@ def _cell(pair: pd.DataFrame, accounting: str, bootstrap: Bootstrap, band: float
         "share_differ": 1.0 - tied,
         "share_better": better,
         "share_worse": worse,
-        "share_worst_follower_worse": float(solved["somebody_worse"].mean()) if len(solved) else np.nan,
+        "share_worst_follower_worse": float(solved["somebody_worse"].mean()) if len(local) else np.nan,
         "infeasible": int((~both & ~contact).sum()),
         "contacts": int(contact.sum()),
         "share_top": share_carried(benchmark - local),
         "gain_reweighted": _reweighted(solved),
-        "leader_seen_s": float(pair["leader_seen_s"].mean()),
+        "leader_seen_s": known_mean(pair["leader_seen_s"]),
+        "share_observed": _share_observed(pair),
     } | _incremental(solved, accounting, bootstrap)
 
 
-def _incremental(solved: pd.DataFrame, accounting: str, bootstrap: Bootstrap) -> dict[str, Any]:
+def _incremental(solved: Arrays, accounting: str, bootstrap: Bootstrap) -> dict[str, Any]:
     """What the lane change adds to the losses, and what of that the local optimum saves (equations.md 12.1).
 
     Where both sides are charged over the same time whatever the plan; elsewhere nothing is added up, for a shorter
     plan would add less than no lane change at all.
     """
-    known = solved[solved["unchanged"].notna()]
-    if accounting != names.EQUAL or known.empty:
+    known = _of(solved, ~np.isnan(solved["unchanged"]))
+    if accounting != names.EQUAL or not len(known["unchanged"]):
         reason = NO_REFERENCE if accounting == names.EQUAL else OTHER_TIME
         return dict.fromkeys(ADDED, np.nan) | {"incremental_reason": reason}
-    benchmark, local = ((known[f"loss_total_{k}"] - known["unchanged"]).to_numpy() for k in (0, 1))
-    hv = [float((known[f"loss_hv_{k}"] - known["hv_unchanged"]).sum()) for k in (0, 1)]
-    saved, low, high = gain_of_added(benchmark, local, known["cluster"].to_numpy(), bootstrap)
+    benchmark, local = (known[f"loss_total_{k}"] - known["unchanged"] for k in (0, 1))
+    hv = [float(np.nansum(known[f"loss_hv_{k}"] - known["hv_unchanged"])) for k in (0, 1)]
+    saved, low, high = gain_of_added(benchmark, local, known["cluster"], bootstrap)
     found = (saved, low, high, float(benchmark.sum()), float(local.sum()), *hv)
     return dict(zip(ADDED, found, strict=True)) | {"incremental_reason": "" if saved == saved else ADDS_NOTHING}
 
 
-def _reweighted(solved: pd.DataFrame) -> float:
+def _reweighted(solved: Arrays) -> float:
     """Gain with each event counted as often as lane-id changes like it were found; NaN where that is not known."""
-    known = solved[solved["weight"].notna()]
+    known = _of(solved, ~np.isnan(solved["weight"]))
     local, benchmark = (float((known["weight"] * known[f"loss_total_{k}"]).sum()) for k in (1, 0))
     return gain(local, benchmark)
 
 
-def _share_observed(human: pd.DataFrame, chosen: NDArray[np.bool_]) -> float:
+def _share_observed(pair: Arrays) -> float:
     """Share of the follower samples charged to the human's motion in which the follower was in view."""
-    charged, seen = (human[f"{name}_n_samples"].to_numpy()[chosen] for name in ("follower", "recorded"))
-    total = np.nansum(charged)
-    return float(np.nansum(seen) / total) if total else np.nan
+    charged, seen = (np.nansum(pair[name]) for name in _SAMPLES)
+    return float(seen / charged) if charged else np.nan
 
 
-def _gain(pair: pd.DataFrame, column: str) -> float:
-    return gain(pair[f"{column}_1"].sum(), pair[f"{column}_0"].sum())
-
-
-def _with_somebody_worse(pair: pd.DataFrame, band: float) -> pd.DataFrame:
-    """A pair with whether the policy raises any follower's loss by more than the band."""
-    one, other = _followers(pair)
-    return pair.assign(somebody_worse=np.asarray((one > other * (1.0 + band)).any(axis=1)))
+def _gain(pair: Arrays, column: str) -> float:
+    return gain(np.nansum(pair[f"{column}_1"]), np.nansum(pair[f"{column}_0"]))
 
 
 def summarise_losses(losses: PolicyLosses, settings: StatisticsSettings, *, seed: int) -> pd.DataFrame:

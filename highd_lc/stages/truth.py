@@ -29,7 +29,7 @@ from highd_lc.vocab.errors import InputError
 from highd_lc.vocab.job import Provenance
 from highd_lc.vocab.settings import Settings
 from highd_lc.vocab.tables import TABLES
-from highd_lc.vocab.tables.truth import HORIZONS, TRUE
+from highd_lc.vocab.tables.fits import TRUE, TRUTH_HORIZONS
 
 FloatArray = NDArray[np.float64]
 
@@ -255,7 +255,7 @@ def _fitted_behaviours(fitted: pd.DataFrame) -> Behaviours:
 def _motions(cases: _Cases, found: Simulated, real: Simulated) -> dict[str, FloatArray]:
     """Changes and errors of speed at each horizon, NaN where it is not in view; the true drift is taken out."""
     r, columns = cases.responses, dict[str, FloatArray]()
-    for horizon in HORIZONS:
+    for horizon in TRUTH_HORIZONS:
         last = round(horizon / TIME_STEP)
         seen = np.where(r.n > last, 0.0, np.nan)
         drifted = _true_drift(cases.true, r) * horizon

@@ -50,6 +50,17 @@ def failing(monkeypatch: pytest.MonkeyPatch) -> Callable[[int, Exception], None]
     return fail
 
 
+_FEW_MODELS = """
+[calibrate]
+optimiser = "screen"
+screened = 64
+models = ["constant_speed", "own_fit"]
+
+[validate.followers]
+model = "own_fit"
+also = []
+"""
+
 _CAUSES = [
     (ZeroDivisionError("division by zero"), "recording 01: ZeroDivisionError: division by zero"),
     (InputError("01_tracks.csv: torn"), "01_tracks.csv: torn"),
@@ -125,7 +136,7 @@ def test_a_stage_asked_for_runs_those_before_it(
     tmp_path: Path, stages: list[str], command: str, done: list[str]
 ) -> None:
     pipeline = tmp_path / "some.toml"
-    pipeline.write_text(f"stages = {stages}\n{QUICK.read_text()}")
+    pipeline.write_text(f"stages = {stages}\n{_FEW_MODELS}")
     place = Place(tmp_path, options=("--pipeline", str(pipeline), "--workers", "1"))
     code, said = run(place, stage=command)
     assert code == 0, said

@@ -85,7 +85,7 @@ def test_a_contact_counts_within_the_accounted_time_alone(brakes_at):
         assert bool(plan.contact) == bool((gap[:, : last + 1] < 0.0).any())
 
 
-@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize("crowding", [1.0, 3.0])
 def test_a_solved_plan_has_no_contact(seed, crowding):
     problem = planner.pose(random_scene(np.random.default_rng(seed), crowding=crowding), SETTINGS)

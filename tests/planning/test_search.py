@@ -71,7 +71,7 @@ def test_a_free_end_speed_is_never_worse(seed):
 
 
 @pytest.mark.parametrize("free", [False, True], ids=["fixed", "free"])
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(2))
 def test_the_av_pays_less_and_the_followers_more_the_more_the_av_counts(seed, free):
     goals = [Goal(accounting, omega) for accounting in names.ACCOUNTINGS for omega in np.linspace(0.05, 1.0, 9)]
     task = task_of(random_scene(np.random.default_rng(seed)))

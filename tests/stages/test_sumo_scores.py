@@ -15,7 +15,7 @@ from highd_lc import engine
 from highd_lc.io import artefacts, sumo_replay
 from highd_lc.io import settings as settings_file
 from highd_lc.planning.planner import contact_of, pose, reference_plans
-from highd_lc.reporting.pages_sumo import sumo_sections
+from highd_lc.reporting.pages_robust import sumo_sections
 from highd_lc.scoring.charges import cumulative_losses
 from highd_lc.stages.overview_pages import Overview
 from highd_lc.stages.sumo_scores import SumoTracker, leaders, sumo_summary

@@ -6,14 +6,14 @@ from highd_lc.vocab import names
 from highd_lc.vocab.cross_checks import CROSS_CHECKS
 from highd_lc.vocab.driver import PARAMETERS, UNITS
 from highd_lc.vocab.tables.closed_loop import CLOSED_LOOP_TABLES
-from highd_lc.vocab.tables.columns import Column, Table
+from highd_lc.vocab.tables.columns import ACCOUNTING, EVENT, POLICY, RANK, RECORDING, VEHICLE, Column, Table
 from highd_lc.vocab.tables.columns import count as _count
 from highd_lc.vocab.tables.columns import number as _number
 from highd_lc.vocab.tables.columns import single as _single
 from highd_lc.vocab.tables.columns import word as _word
-from highd_lc.vocab.tables.fits import FIT_TABLES
+from highd_lc.vocab.tables.fits import FIT_TABLES, TRUTH
 from highd_lc.vocab.tables.prediction import PREDICTION_TABLES
-from highd_lc.vocab.tables.robust import ROBUST_TABLES
+from highd_lc.vocab.tables.robust import ROBUST_TABLES, SUMO_TABLES
 from highd_lc.vocab.tables.scenarios import SCENARIO_TABLES
 from highd_lc.vocab.tables.studies import STUDY_TABLES
 from highd_lc.vocab.tables.summaries import (
@@ -26,27 +26,20 @@ from highd_lc.vocab.tables.summaries import (
     TRACKING,
     VALIDATION_MATRIX,
 )
-from highd_lc.vocab.tables.sumo import SUMO_TABLES
-from highd_lc.vocab.tables.truth import TRUTH
 
 SCHEMA_VERSION: Final = 3
 PARTITIONED: Final = {"ingest": "tracks", "validate": "trajectories"}
 """Of each stage that makes one, the artefact that is too large to combine and stays divided by recording."""
 
-_RECORDING = Column("recording_id", "int64", "number in the recording's file name", minimum=0)
-_EVENT = _word("event_id", "RR-VVVV-FFFFF: recording, ego, crossing frame")
-_POLICY = _word("policy", "who planned the motion (equations.md 6)", names.POLICIES)
-_ACCOUNTING = _word("accounting", "over which time each side is charged", names.ACCOUNTINGS)
 _FOLLOWER_MODEL = _word("followers", "follower model that planned and scored the row (equations.md 3)")
-_VEHICLE = Column("vehicle_id", "int64", "the vehicle's id in its recording", minimum=0)
 
 TRACKS = Table(
     "tracks",
     "vehicle and frame",
     ("vehicle_id", "frame"),
     (
-        _RECORDING,
-        _VEHICLE,
+        RECORDING,
+        VEHICLE,
         Column("frame", "int64", "frame of the recording, 1 = first", minimum=1),
         _number("t", "time since the recording's frame 1", "s", nullable=False, minimum=0),
         _number("x", "box centre, forward from the entry end of the section", "m", nullable=False),
@@ -68,8 +61,8 @@ VEHICLES = Table(
     "vehicle",
     ("recording_id", "vehicle_id"),
     (
-        _RECORDING,
-        _VEHICLE,
+        RECORDING,
+        VEHICLE,
         Column("driving_direction", "int64", "1 = upper carriageway, 2 = lower", minimum=1, maximum=2),
         _word("class", "Car or Truck", names.CLASSES),
         _number("length", "length of the vehicle's box", "m", nullable=False, minimum=0),
@@ -91,7 +84,7 @@ RECORDINGS = Table(
     "recording and carriageway with vehicles",
     ("recording_id", "driving_direction"),
     (
-        _RECORDING,
+        RECORDING,
         Column("driving_direction", "int64", "1 = upper carriageway, 2 = lower", minimum=1, maximum=2),
         Column("location_id", "int64", "site of the recording"),
         _word("format", "format of its files", ("highd", "ngsim", "tgsim")),
@@ -127,8 +120,8 @@ CROSSINGS = Table(
     "lane-id change (the funnel)",
     ("recording_id", "ego_id", "crossing_frame"),
     (
-        _EVENT,
-        _RECORDING,
+        EVENT,
+        RECORDING,
         Column("ego_id", "int64", "the vehicle that changes lane", minimum=0),
         _word("ego_class", "Car or Truck", names.CLASSES),
         _word("direction", "left or right; empty when a side is outside the markings", ("left", "right", "")),
@@ -148,8 +141,8 @@ EVENTS = Table(
     "usable lane change",
     ("recording_id", "ego_id", "crossing_frame"),
     (
-        _EVENT,
-        _RECORDING,
+        EVENT,
+        RECORDING,
         Column("ego_id", "int64", "the vehicle that changes lane", minimum=0),
         _word("ego_class", "Car or Truck", names.CLASSES),
         _word("direction", "to which side", (names.LEFT, names.RIGHT)),
@@ -201,14 +194,14 @@ EVENT_TRACKS = Table(
     "event, role and native frame",
     ("recording_id", "event_id", "role", "t"),
     (
-        _EVENT,
-        _RECORDING,
+        EVENT,
+        RECORDING,
         _word(
             "role",
             "ego, origin_leader, origin_follower, target_leader, target_follower_1 .. p; target_leader_2, ..: who "
             "leads the target lane after the target leader left it (events.leader_changes_s)",
         ),
-        _VEHICLE,
+        VEHICLE,
         _number("t", "(frame - start_frame) / frame rate", "s", nullable=False),
         _number("x", "box centre ahead of the ego's centre at start_frame", "m", nullable=False),
         _number("y", "box centre left of the ego's centre at start_frame", "m", nullable=False),
@@ -225,10 +218,10 @@ FOLLOWERS = Table(
     "event and follower (one LCM fit)",
     ("recording_id", "event_id", "follower"),
     (
-        _EVENT,
-        _RECORDING,
-        Column("follower", "int64", "rank, 1 = nearest to the ego", minimum=1),
-        _VEHICLE,
+        EVENT,
+        RECORDING,
+        RANK,
+        VEHICLE,
         _word("class", "Car or Truck", names.CLASSES),
         *(_number(p, f"LCM parameter {p}", UNITS[p], nullable=False) for p in PARAMETERS),
         _number("L_replay", "L moved behind the leader of the replay, within [2, 25]", "m", nullable=False),
@@ -260,11 +253,11 @@ PLANS = Table(
     "event, follower model, policy and accounting",
     ("recording_id", "event_id", "followers", "policy", "accounting"),
     (
-        _EVENT,
-        _RECORDING,
+        EVENT,
+        RECORDING,
         _FOLLOWER_MODEL,
-        _POLICY,
-        _ACCOUNTING,
+        POLICY,
+        ACCOUNTING,
         _number("T", "duration of the manoeuvre, a multiple of 0.1 s; null when infeasible", "s"),
         _number("x_final", "forward distance from the manoeuvre's start to its end; null when infeasible", "m"),
         _number("v_end", "speed at the end of the manoeuvre; null when infeasible", "m/s"),
@@ -309,11 +302,11 @@ LOSSES = Table(
     "event, follower model, policy and accounting",
     ("recording_id", "event_id", "followers", "policy", "accounting"),
     (
-        _EVENT,
-        _RECORDING,
+        EVENT,
+        RECORDING,
         _FOLLOWER_MODEL,
-        _POLICY,
-        _ACCOUNTING,
+        POLICY,
+        ACCOUNTING,
         _word("contact", "who drives through whom (see plans): there are no losses then; empty = nobody"),
         _number("loss_av", "0.5 av_comfort + 0.5 av_efficiency", minimum=0),
         _number("av_comfort", "AV's jerk sum over N_c", minimum=0),

@@ -3,13 +3,11 @@
 from typing import Final
 
 from highd_lc.vocab import names
-from highd_lc.vocab.tables.columns import Column, Table, count, number, word
+from highd_lc.vocab.tables.columns import EVENT, RECORDING, Column, Table, count, number, word
 
 RECORDED_DRIVE: Final = "recorded"
 """Status and followers of the human's row, beside the statuses of a drive and the follower models."""
 
-_RECORDING = Column("recording_id", "int64", "number in the recording's file name", minimum=0)
-_EVENT = word("event_id", "RR-VVVV-FFFFF: recording, ego, crossing frame")
 _DRIVER = word(
     "policy", "who drives; human: as recorded, for contacts alone", (*names.REPLANNED_POLICIES, names.HUMAN)
 )
@@ -20,8 +18,8 @@ CLOSED_LOOP = Table(
     "run: solve_ms_median and solve_ms_p99 of every drive stand in run.log beside the artefacts",
     ("recording_id", "event_id", "policy"),
     (
-        _EVENT,
-        _RECORDING,
+        EVENT,
+        RECORDING,
         _DRIVER,
         word("followers", "follower model by which the AV predicts the followers"),
         word("world", "follower model that drives them; recorded: nobody does"),
@@ -64,8 +62,8 @@ CLOSED_LOOP_REPLANS = Table(
     "event of the closed loop's sample, policy and decision: what the AV would drive from then on",
     ("recording_id", "event_id", "policy", "t"),
     (
-        _EVENT,
-        _RECORDING,
+        EVENT,
+        RECORDING,
         word("policy", "who drives", names.REPLANNED_POLICIES),
         number("t", "time of the decision from t_start on", "s", nullable=False, minimum=0),
         word("verdict", "what was decided", names.VERDICTS),
@@ -89,8 +87,8 @@ CLOSED_LOOP_MOTIONS = Table(
     "event of the closed loop's sample, policy and role that the drive moves: every 0.1 s from t_start to H",
     ("recording_id", "event_id", "policy", "role"),
     (
-        _EVENT,
-        _RECORDING,
+        EVENT,
+        RECORDING,
         word("policy", "who drives", names.REPLANNED_POLICIES),
         word("role", "ego or target_follower_<rank>"),
         Column("x", "list<float64>", "box centre, from the ego's at t_start forward [m]"),

@@ -1,7 +1,9 @@
 """What a table is made of: columns with type, unit and meaning, and the table that holds them."""
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Final, Literal
+
+from highd_lc.vocab import names
 
 Kind = Literal[
     "int64",
@@ -65,3 +67,11 @@ def count(name: str, meaning: str, unit: str = "", *, nullable: bool = False) ->
 def word(name: str, meaning: str, allowed: tuple[str, ...] = ()) -> Column:
     """A text column; allowed: the only words it may hold, empty = any."""
     return Column(name, "string", meaning, allowed=allowed)
+
+
+EVENT: Final = word("event_id", "RR-VVVV-FFFFF: recording, ego, crossing frame")
+RECORDING: Final = Column("recording_id", "int64", "number in the recording's file name", minimum=0)
+VEHICLE: Final = Column("vehicle_id", "int64", "the vehicle's id in its recording", minimum=0)
+RANK: Final = Column("follower", "int64", "rank, 1 = nearest to the ego", minimum=1)
+POLICY: Final = word("policy", "who planned the motion (equations.md 6)", names.POLICIES)
+ACCOUNTING: Final = word("accounting", "over which time each side is charged", names.ACCOUNTINGS)

@@ -3,7 +3,18 @@
 from typing import Final
 
 from highd_lc.vocab import names
-from highd_lc.vocab.tables.columns import Column, Table, count, number, word
+from highd_lc.vocab.tables.columns import (
+    ACCOUNTING,
+    EVENT,
+    RANK,
+    RECORDING,
+    VEHICLE,
+    Column,
+    Table,
+    count,
+    number,
+    word,
+)
 
 RECORDED: Final = "recorded"
 OBSERVED: Final = "observed"
@@ -30,9 +41,6 @@ AIMS: Final = {
 dose_response: the share of classes within the band.
 """
 
-_EVENT = word("event_id", "RR-VVVV-FFFFF: recording, ego, crossing frame")
-_RECORDING = Column("recording_id", "int64", "number in the recording's file name", minimum=0)
-_FOLLOWER = Column("follower", "int64", "rank, 1 = nearest to the ego", minimum=1)
 _MODEL = word("model", "follower model (equations.md 3)")
 _DENSITY = "Edie's density of the carriageway, 5 s before to 5 s after t_start, a lane"
 _HORIZON = number("horizon_s", "time from t_start", "s", nullable=False, minimum=0)
@@ -44,10 +52,10 @@ FOLLOWER_MODELS = Table(
     "event, follower and model: all that a simulation of that follower needs",
     ("recording_id", "event_id", "follower", "model"),
     (
-        _EVENT,
-        _RECORDING,
-        _FOLLOWER,
-        Column("vehicle_id", "int64", "the vehicle's id in its recording", minimum=0),
+        EVENT,
+        RECORDING,
+        RANK,
+        VEHICLE,
         _MODEL,
         word("family", "equation of the command: none (0), lcm, idm, or the model's function", _FAMILIES),
         word("fold", "recordings or blocks of time that the constants come from; empty = not fitted so"),
@@ -81,9 +89,9 @@ PREDICTION = Table(
     "event, follower, model and horizon in view",
     ("recording_id", "event_id", "follower", "model", "horizon_s"),
     (
-        _EVENT,
-        _RECORDING,
-        _FOLLOWER,
+        EVENT,
+        RECORDING,
+        RANK,
         _MODEL,
         _HORIZON,
         word("class", "Car or Truck", names.CLASSES),
@@ -180,8 +188,8 @@ EXTERNALITY = Table(
     "event, horizon and source: what the lane change costs HV_1",
     ("recording_id", "event_id", "horizon_s", "source"),
     (
-        _EVENT,
-        _RECORDING,
+        EVENT,
+        RECORDING,
         _HORIZON,
         word("source", "observed, control (mean of the matched followers), or a follower model"),
         number("loss_change", "HV_1's loss from 0 to the horizon beyond that of keeping its speed of t_start"),
@@ -229,10 +237,10 @@ RESPONSES = Table(
     "event and follower: its recorded motion from t_start on and that of whom it follows, on the 0.1 s grid",
     ("recording_id", "event_id", "follower"),
     (
-        _EVENT,
-        _RECORDING,
-        _FOLLOWER,
-        Column("vehicle_id", "int64", "the vehicle's id in its recording", minimum=0),
+        EVENT,
+        RECORDING,
+        RANK,
+        VEHICLE,
         word("class", "Car or Truck", names.CLASSES),
         Column("location_id", "int64", "site of the recording"),
         number("time", "t_start in the recording", "s", nullable=False),
@@ -265,8 +273,8 @@ CONTROLS = Table(
     "event and horizon: followers alike that nobody cuts in on",
     ("recording_id", "event_id", "horizon_s"),
     (
-        _EVENT,
-        _RECORDING,
+        EVENT,
+        RECORDING,
         _HORIZON,
         count("n_controls", "matched followers"),
         number("loss_change", "mean over them of the loss beyond that of keeping the speed; null without any"),
@@ -329,8 +337,8 @@ TRAJECTORIES = Table(
     "event, accounting, policy, follower model, kind, role and sample of 0.1 s",
     ("event_id", "accounting", "policy", "followers", "kind", "role", "t"),
     (
-        _EVENT,
-        word("accounting", "over which time each side is charged", names.ACCOUNTINGS),
+        EVENT,
+        ACCOUNTING,
         word("policy", "who planned the motion: a policy, somebody else's planner, or recorded"),
         word("followers", "follower model that simulated; empty for kind recorded"),
         word("kind", "recorded, simulated or tracked", ("recorded", "simulated", "tracked")),

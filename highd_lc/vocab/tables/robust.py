@@ -1,15 +1,11 @@
-"""Columns of what plans gain under several follower models or choices, and of plans for unknown followers."""
+"""Columns of what plans gain under several follower models or choices, in SUMO, and for unknown followers."""
 
 from typing import Final
 
 from highd_lc.vocab import names
 from highd_lc.vocab.policy import OPTIMAL_POLICIES
-from highd_lc.vocab.tables.columns import Column, Table, count, number, word
+from highd_lc.vocab.tables.columns import ACCOUNTING, EVENT, RECORDING, Column, Table, count, number, word
 from highd_lc.vocab.tables.studies import GAIN, SEEN, TILE
-
-_RECORDING = Column("recording_id", "int64", "number in the recording's file name", minimum=0)
-_EVENT = word("event_id", "RR-VVVV-FFFFF: recording, ego, crossing frame")
-_ACCOUNTING = word("accounting", "over which time each side is charged", names.ACCOUNTINGS)
 
 EXPECTED: Final = "expected"
 WORST: Final = "worst"
@@ -17,7 +13,7 @@ WORST: Final = "worst"
 
 _ROBUST_KEY = (
     word("form", "fixed or free end speed", names.FORMS),
-    _ACCOUNTING,
+    ACCOUNTING,
     word("policy", "local optimum, plain or robust, beside the benchmark", OPTIMAL_POLICIES),
 )
 
@@ -26,8 +22,8 @@ EVENT_GAINS = Table(
     "event of the robust sample, form, accounting and policy: gain under the models of positive skill",
     ("recording_id", "event_id", "form", "accounting", "policy"),
     (
-        _EVENT,
-        _RECORDING,
+        EVENT,
+        RECORDING,
         *_ROBUST_KEY,
         count("n_models", "follower models under which nobody drives through another"),
         number("gain", "gain under the default model"),
@@ -82,11 +78,11 @@ MULTIVERSE_LOSSES = Table(
     "event of the multiverse's sample, variant and policy: fixed end speed",
     ("recording_id", "event_id", "variant", "policy"),
     (
-        _EVENT,
-        _RECORDING,
+        EVENT,
+        RECORDING,
         word("variant", "name of the choice or combination; run = as in the run"),
         word("policy", "benchmark or local optimum", names.FIXED_POLICIES),
-        _ACCOUNTING,
+        ACCOUNTING,
         word("status", "outcome of the planner", names.PLAN_STATUSES),
         word("contact", "who drives through whom: there are no losses then; empty = nobody"),
         number("loss_av", "loss of the AV", minimum=0),
@@ -105,7 +101,7 @@ MULTIVERSE = Table(
         Column("changes", "list<string>", "settings that differ from the run's, key = value"),
         word("followers", "follower model that planned and scored"),
         word("leader_from", "from when HV_1 follows the AV, where its model does not say"),
-        _ACCOUNTING,
+        ACCOUNTING,
         number("horizon_s", "H", "s", minimum=0),
         number("v_ref_av", "reference speed of the AV", "m/s", minimum=0),
         number("v_ref_hv", "reference speed of the followers", "m/s", minimum=0),
@@ -126,3 +122,50 @@ MULTIVERSE = Table(
 )
 
 ROBUST_TABLES: Final = (EVENT_GAINS, ROBUST_SUMMARY, SITUATION_RANKING, MULTIVERSE_LOSSES, MULTIVERSE)
+
+_FOLLOWED = word("policy", "whose motion they follow, accounting equal", names.POLICIES)
+_DRIVEN_BY = word("driven_by", f"who drives them: {names.SUMO}, or the follower model that planned")
+_NEAREST = Column("follower", "int64", "1 = nearest to the AV at t_start", minimum=1)
+
+SUMO_FOLLOWERS = Table(
+    "sumo_followers",
+    "event of the sample that is replayed in SUMO, policy that starts at t_start, who drives, and follower",
+    ("recording_id", "event_id", "policy", "driven_by", "follower"),
+    (
+        EVENT,
+        RECORDING,
+        _FOLLOWED,
+        _DRIVEN_BY,
+        _NEAREST,
+        word("contact", "who drives through whom over 0..H; empty = nobody"),
+        number("loss", "the follower's loss over 0..H, without its weight", nullable=False, minimum=0),
+        number("peak_decel", "its strongest braking", "m/s²", nullable=False, minimum=0),
+        number(
+            "speed_drop_mps",
+            "the wave: most by which it falls behind its own speed without a lane change, same driver",
+            "m/s",
+            nullable=False,
+            minimum=0,
+        ),
+        number("lowest_speed_mps", "its lowest speed", "m/s", nullable=False, minimum=0),
+    ),
+)
+
+SUMO_SUMMARY = Table(
+    "sumo_summary",
+    "policy, who drives, and follower; over the events in which nobody comes to a contact, whoever drives",
+    ("policy", "driven_by", "follower"),
+    (
+        _FOLLOWED,
+        _DRIVEN_BY,
+        _NEAREST,
+        count("n_events", "events with that follower and a plan"),
+        count("contacts", "of these, events with a contact, these followers driving: in no mean"),
+        count("n_compared", "of these, events without a contact, whoever drives"),
+        number("loss", "mean loss over 0..H, without weight", minimum=0),
+        number("peak_decel", "mean of the strongest braking", "m/s²", minimum=0),
+        number("speed_drop_mps", "mean of the speed drop behind the lane change", "m/s", minimum=0),
+    ),
+)
+
+SUMO_TABLES: Final = (SUMO_FOLLOWERS, SUMO_SUMMARY)

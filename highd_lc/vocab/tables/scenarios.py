@@ -4,7 +4,7 @@ from typing import Final
 
 from highd_lc.vocab import names
 from highd_lc.vocab.published import RECORDED_FITS, TABLE_3
-from highd_lc.vocab.tables.columns import Column, Table, count, number, word
+from highd_lc.vocab.tables.columns import ACCOUNTING, EVENT, Column, Table, count, number, word
 
 VERDICTS: Final = ("holds", "fails", "unchanged", "no_plan", "not_valid")
 """Verdicts on a claim."""
@@ -30,7 +30,7 @@ CELL_KEYS: Final = (
     _SCENARIO,
     word("variant", "name of the changed option, default = none"),
     word("form", "end speed of the plan", names.FORMS),
-    word("accounting", "over which time each side is charged", names.ACCOUNTINGS),
+    ACCOUNTING,
     number("omega_av", "weight of the AV in the objective", nullable=False, minimum=0, maximum=1),
 )
 _OPTIONS = (
@@ -128,7 +128,7 @@ _CLAIM = (
     word("claim", "short name"),
     _SCENARIO,
     word("form", "end speed of the plan", names.FORMS),
-    word("accounting", "over which time each side is charged", names.ACCOUNTINGS),
+    ACCOUNTING,
     word("statement", "the direction of change that the paper states"),
     word("printed", "the printed numbers behind it"),
     word("default_verdict", "under the default options", VERDICTS),
@@ -274,7 +274,7 @@ RECORDED_STATE = Table(
     "cell in space and time around a recorded lane change, on the target lane",
     ("event_id", "x_from_m", "t_from_s"),
     (
-        word("event_id", "RR-VVVV-FFFFF: recording, ego, crossing frame"),
+        EVENT,
         number("x_from_m", "upstream border, from the entry end of the section", "m", nullable=False),
         number("x_to_m", "downstream border", "m", nullable=False),
         number("t_from_s", "begin, from the crossing on", "s", nullable=False),

@@ -4,7 +4,7 @@ from typing import Final
 
 from highd_lc.vocab import names
 from highd_lc.vocab.policy import CHOOSING_START, OPTIMAL_POLICIES, PAIRS, ROBUST_PAIRS
-from highd_lc.vocab.tables.columns import Column, Table, count, number, word
+from highd_lc.vocab.tables.columns import ACCOUNTING, EVENT, RECORDING, Column, Table, count, number, word
 from highd_lc.vocab.tables.summaries import TRACKING_CONTACTS, TRACKING_SUMMARY
 
 IDM_MOTORWAY: Final = "idm_motorway"
@@ -22,10 +22,7 @@ SWEEP: Final = "sweep"
 TOGETHER: Final = "together"
 """In ``worse_for_somebody``: AV and followers together, not one follower."""
 
-_RECORDING = Column("recording_id", "int64", "number in the recording's file name", minimum=0)
-_EVENT = word("event_id", "RR-VVVV-FFFFF: recording, ego, crossing frame")
 _FORM = word("form", "fixed or free end speed", tuple(PAIRS | ROBUST_PAIRS))
-_ACCOUNTING = word("accounting", "over which time each side is charged", names.ACCOUNTINGS)
 _FOLLOWER_MODEL = word("followers", "follower model that planned and scored; the default one first")
 _OMEGA = number("omega_av", "weight of the AV in the joint objective", minimum=0, maximum=1)
 
@@ -71,8 +68,8 @@ CROSS_LOSSES = Table(
     "event, optimal policy, accounting that it minimised, and follower models that planned and that score",
     ("recording_id", "event_id", "policy", "accounting", "planned_with", "scored_with"),
     (
-        _EVENT,
-        _RECORDING,
+        EVENT,
+        RECORDING,
         word("policy", "whose plan is scored", OPTIMAL_POLICIES),
         word("accounting", "accounting under which the plan was optimised", names.ACCOUNTINGS),
         _PLANNED_WITH,
@@ -134,7 +131,7 @@ GAIN_MAP = Table(
     (
         _FOLLOWER_MODEL,
         _FORM,
-        _ACCOUNTING,
+        ACCOUNTING,
         *TILE,
         number("share_events", "share of all events: the density of real lane changes", minimum=0, maximum=1),
         *GAIN,
@@ -149,7 +146,7 @@ LEAVE_ONE_OUT = Table(
     (
         _FOLLOWER_MODEL,
         _FORM,
-        _ACCOUNTING,
+        ACCOUNTING,
         Column("location_id", "int64", "site whose recordings are left out"),
         count("n_left_out", "events of that site"),
         *GAIN,
@@ -161,11 +158,11 @@ WORSE_FOR_SOMEBODY = Table(
     "event, follower model, form, accounting and who loses by the local optimum",
     ("followers", "recording_id", "event_id", "form", "accounting", "who"),
     (
-        _EVENT,
-        _RECORDING,
+        EVENT,
+        RECORDING,
         _FOLLOWER_MODEL,
         _FORM,
-        _ACCOUNTING,
+        ACCOUNTING,
         word("who", "the follower's role, or together: AV and followers"),
         number("loss_benchmark", "their loss under the benchmark, unweighted for one follower", minimum=0),
         number("loss_local", "their loss under the local optimum", minimum=0),
@@ -180,11 +177,11 @@ HORIZON_LOSSES = Table(
     "event of the sample, accounted time H, form and accounting",
     ("recording_id", "event_id", "horizon_s", "form", "accounting"),
     (
-        _EVENT,
-        _RECORDING,
+        EVENT,
+        RECORDING,
         number("horizon_s", "H; plans are at most as long", "s", nullable=False, minimum=0),
         _FORM,
-        _ACCOUNTING,
+        ACCOUNTING,
         *(
             number(f"loss_{side}_{policy}", f"{label}'s loss under the {words}; null if infeasible", minimum=0)
             for policy, words in (("benchmark", "benchmark"), ("local", "local optimum"))
@@ -197,7 +194,7 @@ HORIZON_SENSITIVITY = Table(
     "horizon_sensitivity",
     "accounted time H, form and accounting, over the events of the sample",
     ("horizon_s", "form", "accounting"),
-    (number("horizon_s", "H", "s", nullable=False, minimum=0), _FORM, _ACCOUNTING, *GAIN),
+    (number("horizon_s", "H", "s", nullable=False, minimum=0), _FORM, ACCOUNTING, *GAIN),
 )
 
 _FREE_FORM = word("form", "free end speed, at t_start or with a chosen start", (names.FREE, names.FREE_START))
@@ -207,8 +204,8 @@ PARETO = Table(
     "event of the sample, form, and plan on its front or optimum of a weight of the AV",
     ("recording_id", "event_id", "form", "kind", "point"),
     (
-        _EVENT,
-        _RECORDING,
+        EVENT,
+        RECORDING,
         _FREE_FORM,
         word("kind", "front: NSGA-II's non-dominated plans; sweep: global optima over omega_AV", (FRONT, SWEEP)),
         count("point", "number of the point: by rising loss of the AV on the front, by omega_AV in the sweep"),
@@ -229,8 +226,8 @@ PARETO_SUMMARY = Table(
     "event of the sample and form",
     ("recording_id", "event_id", "form"),
     (
-        _EVENT,
-        _RECORDING,
+        EVENT,
+        RECORDING,
         _FREE_FORM,
         count("n_front", "plans on NSGA-II's front; 0 = no feasible plan"),
         count("evaluations", "plans simulated by NSGA-II"),
@@ -252,10 +249,10 @@ UNCERTAINTY = Table(
     "event of the sample, form and accounting",
     ("recording_id", "event_id", "form", "accounting"),
     (
-        _EVENT,
-        _RECORDING,
+        EVENT,
+        RECORDING,
         _FORM,
-        _ACCOUNTING,
+        ACCOUNTING,
         count("n_replanned", "draws of the followers' parameters with a feasible plan of both policies"),
         count("infeasible", "draws without"),
         number("gain", "gain with the parameters as fitted"),
@@ -287,8 +284,8 @@ FORESIGHT = Table(
     "event of the sample, policy with a chosen start, and knowledge; accounting equal, fixed form",
     ("recording_id", "event_id", "policy", "knowledge"),
     (
-        _EVENT,
-        _RECORDING,
+        EVENT,
+        RECORDING,
         word("policy", "whose start is chosen", PAIRS[names.START]),
         _KNOWLEDGE,
         number("delay_s", "wait before the manoeuvre; null if no plan was found", "s", minimum=0),
@@ -329,7 +326,7 @@ START_MAP = Table(
     ("policy", "accounting", "spacing_low_m", "closing_low_mps"),
     (
         word("policy", "whose start is chosen", CHOOSING_START),
-        _ACCOUNTING,
+        ACCOUNTING,
         *TILE,
         number("share_events", "share of these events: the density of real lane changes", minimum=0, maximum=1),
         count("n_events", "events with a plan, with and without the choice"),
@@ -349,10 +346,10 @@ SOLVER_COMPARISON = Table(
     "event of the sample, form, accounting and weight of the AV",
     ("recording_id", "event_id", "form", "accounting", "omega_av"),
     (
-        _EVENT,
-        _RECORDING,
+        EVENT,
+        RECORDING,
         _FORM,
-        _ACCOUNTING,
+        ACCOUNTING,
         _OMEGA,
         number("objective", "joint objective found by the global search", minimum=0),
         number("objective_sqp", "best found by SLSQP from all starts; null if none is feasible", minimum=0),

@@ -5,11 +5,9 @@ from typing import Final
 from highd_lc.vocab import names
 from highd_lc.vocab.policy import PAIRS, ROBUST_PAIRS
 from highd_lc.vocab.safety import PROFILES
-from highd_lc.vocab.tables.columns import Column, Table, count, number, word
+from highd_lc.vocab.tables.columns import ACCOUNTING, EVENT, POLICY, RECORDING, Column, Table, count, number, word
 from highd_lc.vocab.tracking import PLANTS
 
-_POLICY = word("policy", "who planned the motion (equations.md 6)", names.POLICIES)
-_ACCOUNTING = word("accounting", "over which time each side is charged", names.ACCOUNTINGS)
 _FOLLOWER_MODEL = word("followers", "follower model that planned and scored; the default one first")
 
 SPEED_CLASSES: Final = (15.0, 25.0, 33.0)
@@ -44,7 +42,7 @@ VALIDATION_MATRIX = Table(
             "not the followers",
             tuple(PAIRS | ROBUST_PAIRS),
         ),
-        _ACCOUNTING,
+        ACCOUNTING,
         word("stratum", "all, or a class of one stratification"),
         word("safety", "safety profile under which was planned (equations.md 5.8)", PROFILES),
         count("n_events", "events in the stratum, infeasible ones included"),
@@ -113,11 +111,11 @@ SAFETY_LOSSES = Table(
     "event of the sample, safety profile, policy and accounting",
     ("recording_id", "event_id", "safety", "policy", "accounting"),
     (
-        word("event_id", "RR-VVVV-FFFFF: recording, ego, crossing frame"),
-        Column("recording_id", "int64", "number in the recording's file name", minimum=0),
+        EVENT,
+        RECORDING,
         word("safety", "safety profile under which was planned", PROFILES),
-        _POLICY,
-        _ACCOUNTING,
+        POLICY,
+        ACCOUNTING,
         word("status", "outcome of the planner", names.PLAN_STATUSES),
         word("contact", "who drives through whom: there are no losses then; empty = nobody"),
         word("binding", "the constraint that forbids a lane change; empty with a plan"),
@@ -136,7 +134,7 @@ SAFETY_PRICE = Table(
     ("form", "accounting", "safety"),
     (
         word("form", "fixed or free end speed", names.FORMS),
-        _ACCOUNTING,
+        ACCOUNTING,
         word("safety", "safety profile under which was planned", PROFILES),
         count("n_events", "events in the sample"),
         count("infeasible", "of them, those without a plan under this profile"),
@@ -156,7 +154,7 @@ SAFETY_VIOLATIONS = Table(
     ("safety", "policy", "constraint"),
     (
         word("safety", "safety profile under which was planned", PROFILES),
-        _POLICY,
+        POLICY,
         word("constraint", "what the profile practice asks; any = at least one of them"),
         count("n", "plans of the sample, primary accounting, without contact"),
         number("share", "share of them that break it", minimum=0, maximum=1),
@@ -171,9 +169,9 @@ SUMMARY_LOSSES = Table(
     ("followers", "policy", "against", "accounting", "quantity"),
     (
         _FOLLOWER_MODEL,
-        _POLICY,
+        POLICY,
         word("against", "policy it is compared with", names.POLICIES),
-        _ACCOUNTING,
+        ACCOUNTING,
         word("quantity", "column of losses that is compared"),
         count("n", "events with both policies feasible"),
         count("contacts", "events in which somebody drives through another under either policy: left out"),
@@ -199,10 +197,10 @@ OTHER_PLANS = Table(
     "event, planner of somebody else and accounting",
     ("recording_id", "event_id", "policy", "accounting"),
     (
-        word("event_id", "RR-VVVV-FFFFF: recording, ego, crossing frame"),
-        Column("recording_id", "int64", "number in the recording's file name", minimum=0),
+        EVENT,
+        RECORDING,
         _PLANNER,
-        word("accounting", "over which time each side is charged", names.ACCOUNTINGS),
+        ACCOUNTING,
         word("status", "solved, contact, infeasible (it says so) or faulty", _STATUSES),
         word("reason", "why there is no plan: its own words, or the fault; empty with a plan"),
         number("T", "duration of its motion; null without one", "s"),
@@ -260,10 +258,10 @@ TRACKING = Table(
     "event, follower model, policy and plant",
     ("recording_id", "event_id", "followers", "policy", "plant"),
     (
-        word("event_id", "RR-VVVV-FFFFF: recording, ego, crossing frame"),
-        Column("recording_id", "int64", "number in the recording's file name", minimum=0),
+        EVENT,
+        RECORDING,
         word("followers", "follower model that planned and scored the row (equations.md 3)"),
-        _POLICY,
+        POLICY,
         word("plant", "kinematic bicycle or multi-body car", ("kinematic", "multi_body")),
         word("status", "tracked, or why not"),
         word("contact", "who drives through whom around the tracked motion, 0..H; empty = nobody"),
@@ -304,8 +302,8 @@ EVENT_PAGES = Table(
     "event with a page",
     ("recording_id", "event_id"),
     (
-        word("event_id", "RR-VVVV-FFFFF: recording, ego, crossing frame"),
-        Column("recording_id", "int64", "number in the recording's file name", minimum=0),
+        EVENT,
+        RECORDING,
         Column("png", "bool", "whether a PNG lies beside the page"),
         Column(
             "hv1_speed_benchmark", "list<float64>", "simulated speed of HV 1, once a second [m/s]; empty = no plan"
