@@ -72,7 +72,9 @@ def make_trusted(caching: Any) -> None:
     def load_overload(self: Any, signature: object, context: object) -> object:
         found = read(self, signature, context)
         if found is None and _take_turn(self):
-            return read(self, signature, context)  # another process may have compiled it meanwhile
+            found = read(self, signature, context)  # another process may have compiled it meanwhile
+            if found is not None:
+                _end_turn(self)
         return found
 
     def save_overload(self: Any, signature: object, compiled: object) -> None:

@@ -1,10 +1,14 @@
 """A kernel's files that are torn, foreign or locked cost a compilation: no error, and never another result."""
 
 import importlib.util
+import threading
 from pathlib import Path
 
 import numba
 import pytest
+from filelock import FileLock
+
+from highd_lc.vocab import compile_cache
 
 _SOURCE = "def thrice(x):\n    return 3.0 * x\n"
 
@@ -82,6 +86,40 @@ def test_what_cannot_be_read_or_replaced_is_done_without(thrice, kind):
     path.write_bytes(content)
     thrice()  # what was compiled in between may be of another index
     assert thrice() == (42.0, True)
+
+
+def test_what_another_process_compiles_is_waited_for(thrice):
+    kept = {path: path.read_bytes() for path in (_file(thrice, "nbc"), _file(thrice, "nbi"))}
+    for path in kept:
+        path.unlink()
+    turn = FileLock(f"{_index(kept)}.lock", thread_local=False)
+
+    def compiled_by_the_other() -> None:
+        for path, content in kept.items():
+            path.write_bytes(content)
+        turn.release()
+
+    turn.acquire()
+    threading.Timer(0.3, compiled_by_the_other).start()
+    assert thrice() == (42.0, True)
+
+
+def test_another_process_that_never_ends_is_not_waited_for(thrice, monkeypatch):
+    monkeypatch.setattr(compile_cache, "_LONGEST_TURN", 0.05)
+    index = _file(thrice, "nbi")
+    index.unlink()
+    turn = FileLock(f"{index}.lock", thread_local=False)
+    other = threading.Thread(target=turn.acquire)
+    other.start()
+    other.join()
+    assert thrice() == (42.0, False)
+    turn.release()
+    assert thrice() == (42.0, True)
+
+
+def _index(paths) -> Path:
+    (found,) = (path for path in paths if path.suffix == ".nbi")
+    return found
 
 
 @pytest.mark.parametrize(("one", "other"), [(14, 14.5), (14.5, 14), (14.5, 1.5 + 2j), (True, 14.5)])
