@@ -4,8 +4,10 @@ A run needs them late, and one process would compile one kernel after the other 
 Nobody compiles what another process is at (vocab/compile_cache.py): who needs it waits for its files.
 """
 
+import os
 import subprocess
 import sys
+import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 
@@ -19,14 +21,15 @@ def compiling_ahead() -> Iterator[None]:
         yield
         return
     command = [sys.executable, "-m", __name__]
+    # Its input ends with this process, however that ends (``_end_with_input``).
     process = subprocess.Popen(
-        command, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+        command, stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
     )
     try:
         yield
     finally:
         process.kill()
-        process.wait()
+        process.communicate()
 
 
 def compile_planner() -> None:
@@ -43,5 +46,12 @@ def compile_planner() -> None:
     track(plan(scene, LOCAL_OPTIMUM), plant=MULTI_BODY)
 
 
+def _end_with_input() -> None:
+    """End this process with its input: who started it has ended."""
+    sys.stdin.read()
+    os._exit(1)
+
+
 if __name__ == "__main__":
+    threading.Thread(target=_end_with_input, daemon=True).start()
     compile_planner()

@@ -1,6 +1,12 @@
 """Kernels are compiled ahead where none are kept, by a process that ends with the run."""
 
+import os
+import signal
 import subprocess
+import sys
+import time
+from contextlib import suppress
+from pathlib import Path
 
 import pytest
 
@@ -34,6 +40,32 @@ def test_it_ends_with_a_run_that_fails(started, tmp_path, monkeypatch):
     with pytest.raises(KeyError), compiling.compiling_ahead():
         raise KeyError("of the run")
     assert started[0].poll() is not None
+
+
+@pytest.mark.skipif(not Path("/proc/self/environ").exists(), reason="processes are looked up in /proc")
+def test_it_ends_with_a_run_that_is_killed(tmp_path):
+    killed = """
+import os, signal
+from highd_lc.api.compiling import compiling_ahead
+with compiling_ahead():
+    os.kill(os.getpid(), signal.SIGKILL)
+"""
+    here = {"NUMBA_CACHE_DIR": str(tmp_path)}
+    run = subprocess.run([sys.executable, "-c", killed], env=os.environ | here, timeout=60, check=False)
+    assert run.returncode == -signal.SIGKILL
+    until = time.monotonic() + 30.0
+    while _running_with(str(tmp_path)) and time.monotonic() < until:
+        time.sleep(0.1)
+    assert not _running_with(str(tmp_path))
+
+
+def _running_with(value: str) -> list[Path]:
+    """Processes with a value in their environment."""
+    found = []
+    for place in Path("/proc").glob("[0-9]*/environ"):
+        with suppress(OSError):
+            found += [place] if value.encode() in place.read_bytes() else []
+    return found
 
 
 def test_nothing_is_started_where_kernels_are_kept(started, tmp_path, monkeypatch):
