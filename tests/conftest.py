@@ -24,7 +24,7 @@ _WITHOUT_KERNELS = (
     "reporting/test_browser", "reporting/test_pages_prediction", "commands/test_make",
     "reporting/test_pages_population", "reporting/test_figures_event",
 )  # fmt: skip
-"""Long ones for the other processes meanwhile: with an empty cache they would compile the same kernels."""
+"""Long ones for the other processes meanwhile: with an empty cache others would wait for its kernels."""
 _LONGEST = (
     "regression/test_recompute", "docs/test_ledger", "stages/test_validate_studies", "faults/test_no_events",
     "faults/test_cluster", "faults/test_storage", "faults/test_resume", "stages/test_crosslinks",
