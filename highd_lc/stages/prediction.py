@@ -1,5 +1,6 @@
 """Followers under every model behind the recorded lane changer: their models, errors and externality by event."""
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -45,19 +46,23 @@ FloatArray = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Judgement:
-    """Followers under every model. rows: of ``responses``, with class and ids; simulated: by model.
-
-    ahead: fronts of those whom they get as leader under each model, (K, R): of the simulated follower ahead where
-    there is one.
-    """
+    """Followers under every model. rows: of ``responses``, with class and ids; behaviours, spreads: by model."""
 
     rows: pd.DataFrame
     responses: Responses
-    simulated: dict[str, Simulated]
-    ahead: dict[str, FloatArray]
     behaviours: dict[str, models.Drives]
     folds: NDArray[np.object_]
     spreads: dict[str, FloatArray]
+    hardest: float
+
+    def simulated(self) -> Iterator[tuple[str, Simulated, FloatArray]]:
+        """Every follower under each model in turn, behind the simulated follower ahead of it where there is one.
+
+        The last: fronts of those whom they get as leader, (K, R). One model at a time, for of a large data set all
+        of them are gigabytes.
+        """
+        for name, drives in self.behaviours.items():
+            yield name, *_chain(*drives, self.responses, self.hardest)
 
 
 def scales(settings: Settings) -> Scales:
@@ -80,11 +85,11 @@ def predict(combination: Combination, followers: pd.DataFrame) -> None:
     judgement = judge_all(
         rows, responses, _fits(rows, followers, work), crossfit, _chosen(settings), hardest=hardest
     )
-    errors, how = prediction(judgement, scales(settings)), settings.validation
+    how = settings.validation
+    errors, charged, believed = prediction(judgement, scales(settings), controls, keep=how.follower_models)
     bootstrap = bootstrap_of(how.statistics, seed=settings.seed)
     summary = prediction_summary(errors, how.follower_models[0], bootstrap=bootstrap)
-    believed = {model: judgement.simulated[model] for model in how.follower_models}
-    doses, charged = dose_response(errors), externality(judgement, scales(settings), controls)
+    doses = dose_response(errors)
     for name, frame in (
         ("responses", rows),
         ("controls", controls),
@@ -134,14 +139,10 @@ def judge_all(
     rows: pd.DataFrame, responses: Responses, fits: models.Fits, crossfit: CrossFit, chosen: tuple[str, ...], *,
     hardest: float,
 ) -> Judgement:  # fmt: skip
-    """Simulate every follower under every chosen model, each behind the simulated follower ahead of it."""
-    behaviours: dict[str, models.Drives] = {}
-    simulated, ahead = {}, {}
-    for name in chosen:
-        behaviours[name] = crossfit.drives(name, responses, fits)
-        simulated[name], ahead[name] = _chain(*behaviours[name], responses, hardest)
+    """Every follower under every chosen model."""
+    behaviours = {name: crossfit.drives(name, responses, fits) for name in chosen}
     spreads = {name: crossfit.spreads(name, responses) for name in chosen}
-    return Judgement(rows, responses, simulated, ahead, behaviours, crossfit.fold_words(responses), spreads)
+    return Judgement(rows, responses, behaviours, crossfit.fold_words(responses), spreads, hardest)
 
 
 def _chain(
@@ -206,20 +207,36 @@ def _own_parameters(family: Family, behaviours: Behaviours) -> list[dict[str, fl
     return [dict(zip(words, map(float, row), strict=False)) for row in rows]
 
 
-def prediction(judgement: Judgement, scales: Scales) -> pd.DataFrame:
-    """The table ``prediction``: every follower, model and horizon that is in view."""
+def prediction(
+    judgement: Judgement, scales: Scales, controls: pd.DataFrame, *, keep: Sequence[str] = ()
+) -> tuple[pd.DataFrame, pd.DataFrame, dict[str, Simulated]]:
+    """The tables ``prediction`` and ``externality``, and the followers under the models to keep.
+
+    controls: rows of ``controls``: event_id, horizon_s, loss_change, n_controls.
+    """
+    errors, kept = list[pd.DataFrame](), dict[str, Simulated]()
+    charged = list(_observed(judgement, scales, controls))
+    for name, found, ahead in judgement.simulated():
+        errors += _errors(judgement, name, found, ahead, scales)
+        charged += _charged(judgement, name, found, scales, controls)
+        kept |= {name: found} if name in keep else {}
+    believed = {name: kept[name] for name in keep}
+    return _table("prediction", errors), _table("externality", charged), believed
+
+
+def _errors(
+    judgement: Judgement, name: str, found: Simulated, ahead: FloatArray, scales: Scales
+) -> Iterator[pd.DataFrame]:
+    """Rows of ``prediction`` of a model: every follower and horizon that is in view."""
     r, rows = judgement.responses, judgement.rows
     about = rows[["event_id", "recording_id", "follower", "class"]].assign(
         spacing_m=r.x_ahead[0] - r.x[0], closing_mps=r.v[0] - r.v_ahead[0], speed_mps=r.v[0],
         density_vehpkm=rows["density"],
     )  # fmt: skip
-    parts = []
-    for name, found in judgement.simulated.items():
-        for horizon in HORIZONS:
-            seen = in_view(r, horizon)
-            judged = judge(found, r, horizon, scales, ahead=judgement.ahead[name])
-            parts.append(about.assign(model=name, horizon_s=horizon, **_judged_columns(judged))[seen])
-    return _table("prediction", parts)
+    for horizon in HORIZONS:
+        judged = judge(found, r, horizon, scales, ahead=ahead)
+        frame = about.assign(model=name, horizon_s=horizon, **_judged_columns(judged))
+        yield frame[in_view(r, horizon)]
 
 
 def _judged_columns(judged: Judged) -> dict[str, NDArray[np.generic]]:
@@ -236,26 +253,33 @@ def _table(name: str, parts: list[pd.DataFrame]) -> pd.DataFrame:
     return pd.concat(parts, ignore_index=True)[columns].sort_values(list(table.order), ignore_index=True)
 
 
-def externality(judgement: Judgement, scales: Scales, controls: pd.DataFrame) -> pd.DataFrame:
-    """The table ``externality``: what lane changes cost HV_1, observed, of matched controls, and simulated.
-
-    controls: rows of ``controls``: event_id, horizon_s, loss_change, n_controls.
-    """
-    r, rows = judgement.responses, judgement.rows
+def _first_followers(
+    judgement: Judgement, horizon: float, controls: pd.DataFrame
+) -> tuple[NDArray[np.intp], pd.DataFrame, FloatArray]:
+    """Places of HV_1 with a horizon in view, what their rows of ``externality`` share, their controls' change."""
+    keep = np.flatnonzero((judgement.responses.rank == 1) & in_view(judgement.responses, horizon))
+    about = judgement.rows.iloc[keep][["event_id", "recording_id"]].assign(horizon_s=horizon)
     matched = controls.set_index(["event_id", "horizon_s"])
-    parts = []
+    found = matched.reindex(list(zip(about["event_id"], about["horizon_s"], strict=True)))
+    about["n_controls"] = found["n_controls"].fillna(0).astype(np.int64).to_numpy()
+    return keep, about, found["loss_change"].to_numpy()
+
+
+def _observed(judgement: Judgement, scales: Scales, controls: pd.DataFrame) -> Iterator[pd.DataFrame]:
+    """Rows of ``externality``: what lane changes cost HV_1, observed, and of matched controls."""
     for horizon in EXTERNALITY_HORIZONS:
-        keep = np.flatnonzero((r.rank == 1) & in_view(r, horizon))
-        last = round(horizon / TIME_STEP) + 1
-        about = rows.iloc[keep][["event_id", "recording_id"]].assign(horizon_s=horizon)
-        found = matched.reindex(list(zip(about["event_id"], about["horizon_s"], strict=True)))
-        about["n_controls"] = found["n_controls"].fillna(0).astype(np.int64).to_numpy()
-        parts.append(about.assign(source=OBSERVED, loss_change=loss_change(r.v[:last, keep], scales)))
-        parts.append(
-            about.assign(source=CONTROL, loss_change=found["loss_change"].to_numpy())[about["n_controls"] > 0]
-        )
-        for name, simulated in judgement.simulated.items():
-            met = judge(simulated, r, horizon, scales).contact[keep]
-            change = loss_change(simulated.v[:last, keep], scales)
-            parts.append(about.assign(source=name, loss_change=change)[~met])
-    return _table("externality", parts)
+        keep, about, control = _first_followers(judgement, horizon, controls)
+        driven = judgement.responses.v[: round(horizon / TIME_STEP) + 1, keep]
+        yield about.assign(source=OBSERVED, loss_change=loss_change(driven, scales))
+        yield about.assign(source=CONTROL, loss_change=control)[about["n_controls"] > 0]
+
+
+def _charged(
+    judgement: Judgement, name: str, found: Simulated, scales: Scales, controls: pd.DataFrame
+) -> Iterator[pd.DataFrame]:
+    """Rows of ``externality``: what they cost HV_1 under a model, its contacts left out."""
+    for horizon in EXTERNALITY_HORIZONS:
+        keep, about, _ = _first_followers(judgement, horizon, controls)
+        met = judge(found, judgement.responses, horizon, scales).contact[keep]
+        change = loss_change(found.v[: round(horizon / TIME_STEP) + 1, keep], scales)
+        yield about.assign(source=name, loss_change=change)[~met]
