@@ -49,7 +49,7 @@ _Function = TypeVar("_Function", bound=Callable[..., Any])
 def kernel(**options: Any) -> Callable[[_Function], _Function]:
     """A decorator: ``njit`` for a kernel that is kept from run to run and leaves the threads of Python free.
 
-    Without the wrapper by which C would call it: nobody does, and compiling all of them would take a tenth longer.
+    Without the wrapper by which C would call it: nobody does, and compiling all would take a twentieth longer.
     """
     shared = {"cache": True, "nogil": True, "no_cfunc_wrapper": True} | options
     return cast("Callable[[_Function], _Function]", njit(**shared))

@@ -1,6 +1,6 @@
 """Followers under every model behind the recorded lane changer: their models, errors and externality by event."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -215,10 +215,11 @@ def prediction(
     controls: rows of ``controls``: event_id, horizon_s, loss_change, n_controls.
     """
     errors, kept = list[pd.DataFrame](), dict[str, Simulated]()
-    charged = list(_observed(judgement, scales, controls))
+    first = {horizon: _first_followers(judgement, horizon, controls) for horizon in EXTERNALITY_HORIZONS}
+    charged = list(_observed(judgement, scales, first))
     for name, found, ahead in judgement.simulated():
         errors += _errors(judgement, name, found, ahead, scales)
-        charged += _charged(judgement, name, found, scales, controls)
+        charged += _charged(judgement, name, found, scales, first)
         kept |= {name: found} if name in keep else {}
     believed = {name: kept[name] for name in keep}
     return _table("prediction", errors), _table("externality", charged), believed
@@ -253,9 +254,10 @@ def _table(name: str, parts: list[pd.DataFrame]) -> pd.DataFrame:
     return pd.concat(parts, ignore_index=True)[columns].sort_values(list(table.order), ignore_index=True)
 
 
-def _first_followers(
-    judgement: Judgement, horizon: float, controls: pd.DataFrame
-) -> tuple[NDArray[np.intp], pd.DataFrame, FloatArray]:
+FirstFollowers = tuple[NDArray[np.intp], pd.DataFrame, FloatArray]
+
+
+def _first_followers(judgement: Judgement, horizon: float, controls: pd.DataFrame) -> FirstFollowers:
     """Places of HV_1 with a horizon in view, what their rows of ``externality`` share, their controls' change."""
     keep = np.flatnonzero((judgement.responses.rank == 1) & in_view(judgement.responses, horizon))
     about = judgement.rows.iloc[keep][["event_id", "recording_id"]].assign(horizon_s=horizon)
@@ -265,21 +267,21 @@ def _first_followers(
     return keep, about, found["loss_change"].to_numpy()
 
 
-def _observed(judgement: Judgement, scales: Scales, controls: pd.DataFrame) -> Iterator[pd.DataFrame]:
+def _observed(
+    judgement: Judgement, scales: Scales, first: Mapping[float, FirstFollowers]
+) -> Iterator[pd.DataFrame]:
     """Rows of ``externality``: what lane changes cost HV_1, observed, and of matched controls."""
-    for horizon in EXTERNALITY_HORIZONS:
-        keep, about, control = _first_followers(judgement, horizon, controls)
+    for horizon, (keep, about, control) in first.items():
         driven = judgement.responses.v[: round(horizon / TIME_STEP) + 1, keep]
         yield about.assign(source=OBSERVED, loss_change=loss_change(driven, scales))
         yield about.assign(source=CONTROL, loss_change=control)[about["n_controls"] > 0]
 
 
 def _charged(
-    judgement: Judgement, name: str, found: Simulated, scales: Scales, controls: pd.DataFrame
+    judgement: Judgement, name: str, found: Simulated, scales: Scales, first: Mapping[float, FirstFollowers]
 ) -> Iterator[pd.DataFrame]:
     """Rows of ``externality``: what they cost HV_1 under a model, its contacts left out."""
-    for horizon in EXTERNALITY_HORIZONS:
-        keep, about, _ = _first_followers(judgement, horizon, controls)
+    for horizon, (keep, about, _) in first.items():
         met = judge(found, judgement.responses, horizon, scales).contact[keep]
         change = loss_change(found.v[: round(horizon / TIME_STEP) + 1, keep], scales)
         yield about.assign(source=name, loss_change=change)[~met]
