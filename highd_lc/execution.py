@@ -21,6 +21,7 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Any, Protocol, Self, TypeVar
 
 from highd_lc.vocab.errors import ClusterError, MissingExtraError, StorageError, WorkerLostError
+from highd_lc.vocab.job import give_back_memory
 
 if TYPE_CHECKING:
     from multiprocessing.context import BaseContext
@@ -109,10 +110,10 @@ class LocalProcesses:
 
     def _submit(self, call: Callable[[], T]) -> Future[T]:
         try:
-            return self._pool.submit(call)
+            return self._pool.submit(_lightened, call)
         except BrokenProcessPool:  # a process that ended while it had nothing to do
             self._renew()
-            return self._pool.submit(call)
+            return self._pool.submit(_lightened, call)
 
     def _renew(self) -> None:
         self._pool.shutdown()
@@ -121,7 +122,7 @@ class LocalProcesses:
     def _alone(self, number: int, call: Callable[[], T]) -> Callable[[], T]:
         """Carry out a call in a fresh pool with nothing beside it."""
         self._renew()
-        future = self._pool.submit(call)
+        future = self._pool.submit(_lightened, call)
         wait([future])
         if not _lost_its_process(future):
             return future.result
@@ -160,6 +161,14 @@ def _make_room_for_sockets() -> None:
             multiprocessing.util.get_temp_dir()  # which is asked for once
         finally:
             tempfile.tempdir = given
+
+
+def _lightened(call: Callable[[], T]) -> T:
+    """A call's result; what it took goes back to the system, for its process may wait long for the next one."""
+    try:
+        return call()
+    finally:
+        give_back_memory()
 
 
 def _lost_its_process(future: "Future[Any]") -> bool:

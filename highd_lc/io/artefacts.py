@@ -249,6 +249,16 @@ def write_groups(work: Path, name: str, groups: Iterable[pa.Table], provenance: 
     return write_file(path_of(work, name), name, groups, provenance)
 
 
+def write_frame(work: Path, name: str, frame: pd.DataFrame, provenance: Provenance) -> None:
+    """Write a finished artefact from a frame in the table's order.
+
+    One row group a recording where the order begins with it. Raises ArtefactError as ``to_arrow`` does.
+    """
+    divided = len(frame) and TABLES[name].order[0] == _COLUMN
+    parts = (part for _, part in frame.groupby(_COLUMN)) if divided else [frame]
+    write_groups(work, name, (to_arrow(name, part, provenance) for part in parts), provenance)
+
+
 def write_file(path: Path, name: str, groups: Iterable[pa.Table], provenance: Provenance) -> int:
     """Write an artefact's file from its row groups, one at a time. Returns the number of rows."""
     schema = arrow_schema(name).with_metadata(_about(provenance))

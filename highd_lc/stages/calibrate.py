@@ -168,7 +168,16 @@ def _published() -> Row:
 
 
 def combine(combination: Combination) -> JobReport:
-    """Study the fits, draw them together if wanted, give the unfitted their pools; write the artefacts."""
+    """Finish the followers, then predict with them; write the artefacts."""
+    frame = _finished(combination)
+    predict(combination, frame)
+    return JobReport({"followers": len(frame)})
+
+
+def _finished(combination: Combination) -> pd.DataFrame:
+    """Study the fits, draw them together if wanted, give the unfitted their pools; write the artefacts, return the
+    table ``followers``.
+    """
     work, recordings, settings = combination.work, sorted(combination.recordings), combination.settings.calibrate
     rows, tracks = (_joined(work, name, recordings) for name in PART_TABLES[:2])
     lengths = _replay_leader_lengths(work, recordings)
@@ -195,10 +204,8 @@ def combine(combination: Combination) -> JobReport:
         ("identifiability", population_tables.identifiability_rows(identified, own)),
         ("pooling", population_tables.pooling_rows(pooling)),
     ):
-        whole = [artefacts.to_arrow(name, table, combination.provenance)]
-        artefacts.write_groups(work, name, whole, combination.provenance)
-    predict(combination, frame)
-    return JobReport({"followers": len(rows)})
+        artefacts.write_frame(work, name, table, combination.provenance)
+    return frame
 
 
 def _joined(work: Path, name: str, recordings: list[int]) -> list[Row]:

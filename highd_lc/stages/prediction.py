@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -24,8 +25,9 @@ from highd_lc.drivers.prediction import (
 from highd_lc.drivers.responses import TIME_STEP, Behaviours, Family, Responses, Simulated, simulate
 from highd_lc.io import artefacts
 from highd_lc.planning.scene import MOMENT_OF
-from highd_lc.scoring.population import bootstrap_of
+from highd_lc.scoring.population import Bootstrap, bootstrap_of
 from highd_lc.stages.prediction_tables import (
+    AIMED,
     dose_response,
     externality_balance,
     prediction_aims,
@@ -36,12 +38,15 @@ from highd_lc.stages.shock_waves import shock_waves, wave_field
 from highd_lc.vocab import names
 from highd_lc.vocab.driver import PARAMETERS
 from highd_lc.vocab.follower_names import command_parameters, own_function, parse
-from highd_lc.vocab.job import Combination
-from highd_lc.vocab.settings import Settings
+from highd_lc.vocab.job import Combination, give_back_memory
+from highd_lc.vocab.settings import Settings, ValidateSettings
 from highd_lc.vocab.tables import TABLES
 from highd_lc.vocab.tables.prediction import CONTROL, OBSERVED
 
 FloatArray = NDArray[np.float64]
+
+
+_RECORDINGS_AT_ONCE = 10
 
 
 @dataclass(frozen=True)
@@ -55,11 +60,26 @@ class Judgement:
     spreads: dict[str, FloatArray]
     hardest: float
 
+    def divided(self) -> Iterator["Judgement"]:
+        """The judgement of some recordings at a time: of a large data set the motions of all are gigabytes."""
+        recordings = self.responses.recording
+        starts = np.flatnonzero(np.diff(recordings, prepend=-1))  # ordered by recording
+        for at_once in np.split(starts, range(_RECORDINGS_AT_ONCE, len(starts), _RECORDINGS_AT_ONCE)):
+            yield self._of(np.flatnonzero(np.isin(recordings, recordings[at_once])))
+
+    def _of(self, own: NDArray[np.intp]) -> "Judgement":
+        behaviours = {
+            name: (family if isinstance(family, str) else family[own], of.take(own))
+            for name, (family, of) in self.behaviours.items()
+        }
+        spreads = {name: spread[own] for name, spread in self.spreads.items()}
+        rows, responses = self.rows.iloc[own], self.responses.take(own)
+        return Judgement(rows, responses, behaviours, self.folds[own], spreads, self.hardest)
+
     def simulated(self) -> Iterator[tuple[str, Simulated, FloatArray]]:
         """Every follower under each model in turn, behind the simulated follower ahead of it where there is one.
 
-        The last: fronts of those whom they get as leader, (K, R). One model at a time, for of a large data set all
-        of them are gigabytes.
+        The last: fronts of those whom they get as leader, (K, R).
         """
         for name, drives in self.behaviours.items():
             yield name, *_chain(*drives, self.responses, self.hardest)
@@ -71,41 +91,92 @@ def scales(settings: Settings) -> Scales:
     return Scales(loss.v_ref_hv, loss.comfort_scale, loss.efficiency_scale)
 
 
+_ABOUT = ("event_id", "recording_id", "follower", "vehicle_id", "class", "density")
+"""What the tables tell of a response beside its motions."""
+
+
 def predict(combination: Combination, followers: pd.DataFrame) -> None:
     """Fit the population, judge every model and write the tables of prediction. followers: the finished table."""
-    work, settings = combination.work, combination.settings
-    recordings = sorted(combination.recordings)
+    work, recordings, how = combination.work, sorted(combination.recordings), combination.settings.validation
     rows, controls = (_parts(work, name, recordings) for name in ("responses", "controls"))
     responses = responses_of(rows)
+    fits = _fits(rows, followers, work)
+    rows = rows[list(_ABOUT)]  # their motions now stand in the responses, and would take as much again
+    found = _Predicted(_judged(combination, rows, responses, fits), scales(combination.settings), controls, how)
+    groups = (artefacts.to_arrow("prediction", part, combination.provenance) for part in found)
+    artefacts.write_groups(work, "prediction", groups, combination.provenance)
+    for name in ("responses", "controls"):
+        artefacts.concatenate(work, "calibrate", name, recordings, combination.provenance)
+    bootstrap, believed = bootstrap_of(how.statistics, seed=combination.settings.seed), found.believed()
+    tables = found.told(bootstrap) | {
+        "externality_balance": externality_balance(controls, found.charged),
+        "shock_waves": shock_waves(rows, responses, believed, bootstrap),
+        "wave_field": wave_field(responses, believed),
+    }
+    for name, frame in tables.items():
+        artefacts.write_frame(work, name, frame, combination.provenance)
+
+
+def _judged(combination: Combination, rows: pd.DataFrame, responses: Responses, fits: models.Fits) -> Judgement:
+    """Every follower under every chosen model; what the models are is written."""
+    work, settings = combination.work, combination.settings
     given = settings.validation.followers.population
     moment = MOMENT_OF[settings.validation.planner.leader_from]
     hardest = hardest_braking(settings.validation.followers.b_max)
     known = load_population(Path(given)) if given else None
     crossfit = CrossFit(responses, given=known, moment=moment, hardest=hardest)
-    judgement = judge_all(
-        rows, responses, _fits(rows, followers, work), crossfit, _chosen(settings), hardest=hardest
-    )
-    how = settings.validation
-    errors, charged, believed = prediction(judgement, scales(settings), controls, keep=how.follower_models)
-    bootstrap = bootstrap_of(how.statistics, seed=settings.seed)
-    summary = prediction_summary(errors, how.follower_models[0], bootstrap=bootstrap)
-    doses = dose_response(errors)
-    for name, frame in (
-        ("responses", rows),
-        ("controls", controls),
-        ("follower_models", follower_models(judgement)),
-        ("prediction", errors),
-        ("prediction_summary", summary),
-        ("prediction_aims", prediction_aims(summary, doses, errors, charged, bootstrap=bootstrap)),
-        ("dose_response", doses),
-        ("externality", charged),
-        ("externality_balance", externality_balance(controls, charged)),
-        ("shock_waves", shock_waves(rows, responses, believed, bootstrap)),
-        ("wave_field", wave_field(responses, believed)),
-    ):
-        table = artefacts.to_arrow(name, frame, combination.provenance)
-        artefacts.write_groups(work, name, iter([table]), combination.provenance)
+    judgement = judge_all(rows, responses, fits, crossfit, _chosen(settings), hardest=hardest)
+    artefacts.write_frame(work, "follower_models", follower_models(judgement), combination.provenance)
     save_population(work / "population.toml", crossfit.everybody())
+    return judgement
+
+
+class _Predicted:
+    """Rows of ``prediction`` by recording, one after the other; what the other tables need of them in the end."""
+
+    def __init__(
+        self, judgement: Judgement, scales: Scales, controls: pd.DataFrame, how: ValidateSettings
+    ) -> None:
+        self._parts, self._scales, self._controls = judgement.divided(), scales, controls
+        self._models, self._believed = how.follower_models, list[dict[str, Simulated]]()
+        self._errors, self._charged = list[tuple[pd.DataFrame, pd.DataFrame]](), list[pd.DataFrame]()
+
+    def __iter__(self) -> Iterator[pd.DataFrame]:
+        for part in self._parts:
+            give_back_memory()
+            errors, charged, believed = prediction(part, self._scales, self._controls, keep=self._models)
+            self._errors.append(_what_tells(errors))
+            self._charged.append(charged)
+            self._believed.append(believed)
+            yield from (rows for _, rows in errors.groupby("recording_id"))
+
+    @cached_property
+    def charged(self) -> pd.DataFrame:
+        """The table ``externality``."""
+        return pd.concat(self._charged, ignore_index=True)
+
+    def believed(self) -> dict[str, Simulated]:
+        """The followers under the models that plan."""
+        motions = {name: zip(*(part[name] for part in self._believed), strict=True) for name in self._models}
+        return {name: Simulated(*map(np.hstack, of)) for name, of in motions.items()}
+
+    def told(self, bootstrap: Bootstrap) -> dict[str, pd.DataFrame]:
+        """The tables about the errors, by name. Asked for once: the errors are given up."""
+        first, others = (pd.concat(parts, ignore_index=True) for parts in zip(*self._errors, strict=True))
+        self._errors.clear()
+        give_back_memory()
+        summary = prediction_summary(first, self._models[0], bootstrap=bootstrap)
+        doses, aimed = dose_response(first), pd.concat([rows[list(AIMED)] for rows in (first, others)])
+        aims = prediction_aims(summary, doses, aimed, self.charged, bootstrap=bootstrap)
+        named = {"prediction_summary": summary, "prediction_aims": aims, "dose_response": doses}
+        return named | {"externality": self.charged}
+
+
+def _what_tells(errors: pd.DataFrame) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """All rows of HV_1; of the other followers the last horizon, for a contact is one of all horizons after it."""
+    first = errors["follower"] == 1
+    last = ~errors.duplicated(["event_id", "follower", "model"], keep="last")
+    return errors[first], errors[~first & last]
 
 
 def _parts(work: Path, name: str, recordings: list[int]) -> pd.DataFrame:

@@ -5,6 +5,7 @@ A model and the recorded drivers are compared over the same events; who is left 
 
 from collections.abc import Iterable, Iterator, Mapping
 from itertools import product
+from operator import itemgetter
 from pathlib import Path
 from typing import Any, Final
 
@@ -46,17 +47,26 @@ LEAST_IN_CLASS: Final = LEAST_CLUSTERS
 """Classes of the dose-response with fewer events than this have no band."""
 
 
-def strata(frame: pd.DataFrame) -> dict[str, pd.Series]:
-    """The stratum of each row of ``prediction`` in each stratification; null where it is in none."""
+def strata(frame: pd.DataFrame) -> Iterator[tuple[str, pd.Series]]:
+    """By stratification the stratum of each row of ``prediction``; null where it is in none."""
     traffic = pd.Series(traffic_states(frame["density_vehpkm"].to_numpy(np.float64)), frame.index)
-    return {
-        "all": pd.Series("all", frame.index),
-        "class": "class=" + frame["class"],
-        "spacing": "spacing=" + _classes(frame["spacing_m"], SPACINGS),
-        "closing": "closing=" + _classes(frame["closing_mps"], CLOSINGS),
-        "traffic": ("traffic=" + traffic).where(traffic != ""),
-        "recording": "recording=" + frame["recording_id"].map("{:02d}".format),
+    kinds = {
+        "class": frame["class"],
+        "spacing": _classes(frame["spacing_m"], SPACINGS),
+        "closing": _classes(frame["closing_mps"], CLOSINGS),
+        "traffic": traffic.where(traffic != ""),
+        "recording": frame["recording_id"],
     }
+    yield "all", pd.Series("all", frame.index, dtype="category")
+    yield from ((kind, _named(kind, of)) for kind, of in kinds.items())
+
+
+def _named(kind: str, values: pd.Series) -> pd.Series:
+    """Words of a stratification, each once: a string a row would be the larger part of a large table."""
+    pattern = "{}={:02d}" if kind == "recording" else "{}={}"
+    return values.map({value: pattern.format(kind, value) for value in values.dropna().unique()}).astype(
+        "category"
+    )
 
 
 def _classes(values: pd.Series, bounds: tuple[float, ...]) -> pd.Series:
@@ -66,15 +76,18 @@ def _classes(values: pd.Series, bounds: tuple[float, ...]) -> pd.Series:
 
 def prediction_summary(table: pd.DataFrame, default: str, *, bootstrap: Bootstrap) -> pd.DataFrame:
     """The table ``prediction_summary`` of HV_1. default: the model that plans."""
-    first = table[table["follower"] == 1]
+    others = table["follower"] != 1
+    first = table[~others] if others.any() else table
     columns = list(TABLES["prediction_summary"].column_names)
     if first.empty:
         return pd.DataFrame(columns=columns, dtype=object)
     rows: list[Row] = []
-    for kind, label in strata(first).items():
-        for (stratum, horizon), part in first.groupby([label, "horizon_s"], sort=True):
+    for kind, label in strata(first):
+        # By places: groups of their own are a copy of the table.
+        groups: dict[Any, Any] = first.groupby([label, "horizon_s"], observed=True).indices
+        for (stratum, horizon), places in sorted(groups.items(), key=itemgetter(0)):
             about = {"stratum": str(stratum), "horizon_s": float(str(horizon))}
-            found = _Stratum(part, bootstrap, alone=kind == "recording")
+            found = _Stratum(first.iloc[places], bootstrap, alone=kind == "recording")
             rows += [about | row | {"default": row["model"] == default} for row in found.rows()]
     return pd.DataFrame(rows, columns=columns).sort_values(["model", "stratum", "horizon_s"], ignore_index=True)
 
@@ -242,12 +255,20 @@ def _balance(name: str, matched: pd.DataFrame) -> Row:
     return row | {"standardised_difference": difference}
 
 
+AIMED: Final = (
+    "model", "recording_id", "event_id", "follower", "horizon_s", "contact", "contact_recorded",
+    "peak_decel_simulated", "peak_decel_recorded", "comfort_simulated", "comfort_recorded",
+)  # fmt: skip
+"""Columns of ``prediction`` that tell whether the aims are met."""
+
+
 def prediction_aims(
     summary: pd.DataFrame, doses: pd.DataFrame, table: pd.DataFrame, charged: pd.DataFrame, *, bootstrap: Bootstrap
 ) -> pd.DataFrame:
     """The table ``prediction_aims``: what each model has to reach, and whether it does.
 
-    summary: ``prediction_summary``; doses: ``dose_response``; table: ``prediction``; charged: ``externality``.
+    summary: ``prediction_summary``; doses: ``dose_response``; table: ``prediction``, its columns
+    ``AIMED``; charged: ``externality``.
     """
     columns = list(TABLES["prediction_aims"].column_names)
     rows: list[Row] = []

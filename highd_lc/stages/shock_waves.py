@@ -76,19 +76,27 @@ def shock_waves(
     looked = np.flatnonzero(responses.n >= _SAMPLES)
     if not len(looked):
         return pd.DataFrame(columns=columns, dtype=object)
-    pairs = {OBSERVED: _observed(responses, looked), UNRELATED: _unrelated(responses, looked)}
-    pairs |= {name: _driven(responses, one, looked) for name, one in simulated.items()}
-    passages = {source: one.passages() for source, one in pairs.items()}
+    passages, left_out = {}, {}
+    for source, one in _pairs(responses, simulated, looked):
+        passages[source], left_out[source] = one.passages(), one.left_out
     units, strata = responses.recording[looked], _strata(rows.iloc[looked])
     made = []
-    for source, one in pairs.items():
+    for source in passages:
         for stratum, inside in strata.items():
             of_both = passages[source][inside], passages[OBSERVED][inside]
-            found = _wave(*of_both, units[inside], bootstrap) | {"contacts": int(one.left_out[inside].sum())}
+            found = _wave(*of_both, units[inside], bootstrap) | {"contacts": int(left_out[source][inside].sum())}
             if source == UNRELATED:  # on different roads, so to say: nothing moves from one to the other
                 found = {name: value for name, value in found.items() if name in _OF_UNRELATED}
             made.append({"source": source, "stratum": stratum, "n_both": 0} | found)
     return pd.DataFrame(made, columns=columns).sort_values(["source", "stratum"], ignore_index=True)
+
+
+def _pairs(
+    responses: Responses, simulated: Mapping[str, Simulated], looked: IntArray
+) -> Iterator[tuple[str, Pairs]]:
+    yield OBSERVED, _observed(responses, looked)
+    yield UNRELATED, _unrelated(responses, looked)
+    yield from ((name, _driven(responses, one, looked)) for name, one in simulated.items())
 
 
 def _strata(rows: pd.DataFrame) -> dict[str, BoolArray]:

@@ -1,5 +1,8 @@
 """What a stage is handed: one recording to work on, or all finished parts to combine."""
 
+import contextlib
+import ctypes
+import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -16,6 +19,17 @@ CarryOut: TypeAlias = Callable[[Sequence[Callable[[], bytes]]], list[bytes]]
 def one_by_one(calls: Sequence[Callable[[], bytes]]) -> list[bytes]:
     """The plainest ``CarryOut``."""
     return [call() for call in calls]
+
+
+def give_back_memory() -> None:
+    """Return freed memory to the system; after large tables it is gigabytes.
+
+    Arrow keeps what it has freed for the next table, and glibc what lies below something that is still in use.
+    """
+    if "pyarrow" in sys.modules:
+        sys.modules["pyarrow"].default_memory_pool().release_unused()
+    with contextlib.suppress(OSError, AttributeError, TypeError):  # another C library
+        ctypes.CDLL(None).malloc_trim(0)
 
 
 @dataclass(frozen=True)
