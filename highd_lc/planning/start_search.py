@@ -15,7 +15,7 @@ from typing import Final, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from highd_lc.planning.pool import Goal, Pool, Task
+from highd_lc.planning.pool import Goal, Pool, Task, distinct
 from highd_lc.planning.search import Row, grid, possible_durations, refine, zoom_rows
 from highd_lc.planning.starts import CONTAINED, Best, Key, StartProblem, best_at
 from highd_lc.planning.zoom import hides_better
@@ -23,7 +23,7 @@ from highd_lc.planning.zoom import hides_better
 IntArray = NDArray[np.int64]
 
 _DELAY_STEP: Final = 5
-_THIN: Final = {False: {"x_nodes": 17}, True: {"x_nodes": 9, "v_nodes": 7}}
+_THIN: Final = {False: {"x_nodes": 15}, True: {"x_nodes": 9, "v_nodes": 7}}
 """The thin grid of the fixed and of the free form."""
 _DURATION_STEP_FIXED: Final = 4
 _DURATION_STEP_FREE: Final = 8
@@ -51,7 +51,7 @@ def search_starts(
     for key in _worth_a_grid(found, goals, coarse):
         found.lay_grid(key)
     found.refined = {(CONTAINED, goal) for goal in goals}
-    leading = [(key, goal) for goal in goals for key in _leading(found, goal)]
+    leading = [(key, goal) for goal in goals for key in _leading(found, goal) or coarse]
     found.refine(leading + [(key, goal) for key in _after_a_jump(posed) for goal in goals])
     _descend(found, goals)
     return found.pools
@@ -174,10 +174,17 @@ def _descend(found: _Found, goals: list[Goal]) -> None:
     while here := [start for start in _best_starts(found, goals) if start not in seen]:
         seen.update(here)
         found.refine(here)
-        leading = [(goal, found.everywhere(goal)[0]) for _, goal in here]
+        leading = _different(found, [(goal, found.everywhere(goal)[0]) for _, goal in here])
         beside = [(key, (goal, best)) for goal, best in leading for key in _beside(found.posed, best.key)]
         for key, asked in _grouped(beside).items():
             _look(found, key, asked)
+
+
+def _different(found: _Found, leading: list[tuple[Goal, Best]]) -> list[tuple[Goal, Best]]:
+    """Without the goals that make the same of every candidate as one before them whose best start is theirs."""
+    goals_at = _grouped((best.key, goal) for goal, best in leading)
+    apart = {(key, goals[g]) for key, goals in goals_at.items() for g in distinct(found.pools[key], goals)}
+    return [(goal, best) for goal, best in leading if (best.key, goal) in apart]
 
 
 def _best_starts(found: _Found, goals: list[Goal]) -> list[tuple[Key, Goal]]:
