@@ -68,9 +68,10 @@ synthesize: setup
 	@$(HIGHD_LC) synthesize -- "$${OUT:-data/synthetic}"
 
 ## test         the tests
-# A file's tests stay together: they share what is made once for all of them.
+# A file's tests stay together: they share what is made once for all of them. One process more than workers: many
+# tests wait for a child, a lock or a signal.
 test: setup-dev
-	@$(BIN)/python -m pytest --numprocesses "$$WORKERS" --dist loadfile
+	@$(BIN)/python -m pytest --numprocesses "$$((WORKERS + 1))" --dist loadfile
 
 ## test-all     the tests on Python 3.11, 3.12 and 3.13, those that are there; ARGS="..." goes to pytest
 test-all: setup-dev

@@ -376,6 +376,13 @@ _EXTREME_COLUMNS: Final = (
 )
 
 
+PREDICTION_READ: Final = (
+    *("model", "horizon_s", "contact", "loss_simulated", "loss_recorded"),
+    *(column.name for column in _EXTREME_COLUMNS),
+)
+"""What the page needs of ``prediction``, the largest table that any page is made from."""
+
+
 def _extremes_sections(tables: PredictionTables) -> Iterator[Section]:
     mine = tables.prediction[tables.prediction["model"] == tables.default]
     if mine.empty:

@@ -182,8 +182,8 @@ def leaderboard(work: Path, model: str) -> pd.DataFrame:
 def _ours(work: Path, model: str, events: set[str]) -> pd.DataFrame:
     """The rows of our policies that plan every event, with what the table of others has."""
     key = ["event_id", "followers", "policy"]
-    plans, losses = (artefacts.read(work, name) for name in ("plans", "losses"))
-    plans, losses = (frame[frame["accounting"] == names.EQUAL] for frame in (plans, losses))
+    equal = [("accounting", "==", names.EQUAL)]
+    plans, losses = (artefacts.read(work, name, where=equal) for name in ("plans", "losses"))
     tracking = artefacts.read(work, "tracking")
     tracking = tracking[tracking["plant"] == KINEMATIC]
     found = plans[[*key, "status", "violations"]].merge(losses.drop(columns="accounting"), on=key)

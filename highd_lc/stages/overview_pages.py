@@ -30,7 +30,7 @@ from highd_lc.reporting.pages_index import IndexTables, SummaryTables, index_pag
 from highd_lc.reporting.pages_multiverse import PAGE as MULTIVERSE_PAGE
 from highd_lc.reporting.pages_multiverse import multiverse_page
 from highd_lc.reporting.pages_population import PriceTables, StartTables, dictionary_page, matrix_page, start_page
-from highd_lc.reporting.pages_prediction import PredictionTables, prediction_page
+from highd_lc.reporting.pages_prediction import PREDICTION_READ, PredictionTables, prediction_page
 from highd_lc.reporting.pages_studies import StudyTables, studies_page
 from highd_lc.reporting.run_words import RunTables, nothing_said, run_says
 from highd_lc.reporting.short_words import in_short, run_in_short
@@ -73,8 +73,8 @@ class Overview:
     def _read(self, name: str, columns: list[str] | None) -> pd.DataFrame:
         if "followers" not in TABLES[name].column_names:
             return artefacts.read(self.work, name, columns=columns)
-        frame = artefacts.read(self.work, name, columns=columns and [*columns, "followers"])
-        return frame[frame["followers"] == self.model].reset_index(drop=True)
+        wanted = columns and [*columns, "followers"]
+        return artefacts.read(self.work, name, columns=wanted, where=[("followers", "==", self.model)])
 
     def losses(self) -> pd.DataFrame:
         """The losses without their terms."""
@@ -180,7 +180,9 @@ def write_multiverse(work: Path, reports: Path, settings: ValidateSettings) -> N
 
 
 def _prediction(overview: Overview) -> str:
-    return prediction_page(PredictionTables(**overview.read(*JUDGED), losses=overview.losses()))
+    errors = overview.read("prediction", columns=[*PREDICTION_READ])
+    others = overview.read(*(name for name in JUDGED if name not in errors))
+    return prediction_page(PredictionTables(**errors, **others, losses=overview.losses()))
 
 
 def _start(overview: Overview) -> str:

@@ -7,7 +7,7 @@ Who waits, where and for what: over spacing and speed difference of the first fo
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import pairwise
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 import pandas as pd
@@ -344,13 +344,15 @@ def solver_summary(comparison: pd.DataFrame) -> pd.DataFrame:
 
 
 _LOSSES = ("loss_av", "loss_hv", "loss_total")
+STARTED: Final = ("event_id", "policy", "accounting", "delay_s", "gap", "objective")
+"""Columns of ``plans`` that tell who starts when, and into which gap."""
 
 
 def start_map(events: pd.DataFrame, plans: pd.DataFrame, losses: PolicyLosses) -> pd.DataFrame:
     """Waiting and its price in every tile that holds an event whose start was chosen, and in all of them together.
 
-    events: see ``statistics.situations``; plans: the artefact. Events count where the policy has a plan
-    with and without the choice.
+    events: see ``statistics.situations``; plans: the artefact, its columns ``STARTED``. Events count where
+    the policy has a plan with and without the choice.
     """
     rows = []
     for policy in CHOOSING_START:

@@ -20,6 +20,7 @@ from highd_lc.scoring.charges import Scores
 from highd_lc.stages import closed_loop
 from highd_lc.stages.other_planners import OtherPlan, OtherPlanners, leaderboard, other_rows
 from highd_lc.stages.population_tables import (
+    STARTED,
     cross_scores,
     gain_map,
     horizon_sensitivity,
@@ -298,8 +299,9 @@ def _population(combination: Combination, events: pd.DataFrame) -> Iterator[tupl
     """The population's tables by name."""
     work, settings, seed = combination.work, combination.settings.validation.statistics, combination.settings.seed
     models = combination.settings.validation.follower_models
-    losses = artefacts.read(work, "losses")
-    of_model = {model: PolicyLosses(losses[losses["followers"] == model]) for model in models}
+    of_model = {
+        model: PolicyLosses(artefacts.read(work, "losses", where=[("followers", "==", model)])) for model in models
+    }
     each = partial(_of_each_model, of_model)
     profile = combination.settings.validation.safety.profile
     matrix = each(lambda one: validation_matrix(events, one, settings=settings, seed=seed))
@@ -319,7 +321,7 @@ def _population(combination: Combination, events: pd.DataFrame) -> Iterator[tupl
     yield "situation_ranking", situation_ranking(events, gains, of_model[models[0]])
     yield "robust_summary", robust_summary(planned, skilful, settings, seed=seed)
     yield "horizon_sensitivity", horizon_sensitivity(artefacts.read(work, "horizon_losses"), settings, seed=seed)
-    yield "start_map", start_map(events, _of_default(work, "plans", models), of_model[models[0]])
+    yield "start_map", start_map(events, _of_default(work, "plans", models, read=STARTED), of_model[models[0]])
     yield "foresight_summary", foresight_summary(artefacts.read(work, "foresight"), settings, seed=seed)
     yield "tracking_summary", tracking_summary(_of_default(work, "tracking", models))
     yield "tracking_contacts", tracking_contacts(artefacts.read(work, "tracking"))
@@ -337,7 +339,17 @@ def _of_each_model(
     return pd.concat(filled, ignore_index=True) if filled else found[0]
 
 
-def _of_default(work: Path, name: str, models: Sequence[str], *, column: str = "followers") -> pd.DataFrame:
-    """The rows of an artefact that the default follower model made. column: which names the model."""
-    frame = artefacts.read(work, name)
-    return frame[frame[column] == models[0]]
+def _of_default(
+    work: Path,
+    name: str,
+    models: Sequence[str],
+    *,
+    column: str = "followers",
+    read: Sequence[str] | None = None,
+) -> pd.DataFrame:
+    """The rows of an artefact that the default follower model made.
+
+    column: which names the model; read: the columns that are needed.
+    """
+    columns = None if read is None else [*read]
+    return artefacts.read(work, name, columns=columns, where=[(column, "==", models[0])])
