@@ -71,7 +71,8 @@ synthesize: setup
 # A file's tests stay together: they share what is made once for all of them. One process more than workers: many
 # tests wait for a child, a lock or a signal.
 test: setup-dev
-	@$(BIN)/python -m pytest --numprocesses "$$((WORKERS + 1))" --dist loadfile
+	@more=$$(expr "$$WORKERS" + 1 2>/dev/null) || more=$$WORKERS; \
+	  $(BIN)/python -m pytest --numprocesses "$$more" --dist loadfile
 
 ## test-all     the tests on Python 3.11, 3.12 and 3.13, those that are there; ARGS="..." goes to pytest
 test-all: setup-dev

@@ -2,7 +2,8 @@
 
 Fifty delays times three gaps times the planner's search would take a second and more. The best objective as a
 function of the delay is smooth but for contacts, so: every fifth delay of every gap on a thin grid; from the most
-promising ones of each goal, the planner's own refinement; then from delay to delay as long as a goal gains. The
+promising ones of each goal, or from all where none holds a feasible plan, the planner's own refinement; then from
+delay to delay as long as a goal gains. The
 planner's pool of the recorded gap without delay is among the starts: no policy loses to the one that it contains.
 
 All goals go through these steps together: what a start is looked at for is one call of the kernels.
@@ -181,7 +182,10 @@ def _descend(found: _Found, goals: list[Goal]) -> None:
 
 
 def _different(found: _Found, leading: list[tuple[Goal, Best]]) -> list[tuple[Goal, Best]]:
-    """Without the goals that make the same of every candidate as one before them whose best start is theirs."""
+    """The goals and their best starts, without goals that one before them speaks for.
+
+    It has the same best start and makes the same of every candidate there, as benchmarks of two accountings do.
+    """
     goals_at = _grouped((best.key, goal) for goal, best in leading)
     apart = {(key, goals[g]) for key, goals in goals_at.items() for g in distinct(found.pools[key], goals)}
     return [(goal, best) for goal, best in leading if (best.key, goal) in apart]

@@ -4,7 +4,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 import pandas as pd
@@ -46,7 +46,8 @@ from highd_lc.vocab.tables.prediction import CONTROL, OBSERVED
 FloatArray = NDArray[np.float64]
 
 
-_RECORDINGS_AT_ONCE = 10
+_RECORDINGS_AT_ONCE: Final = 10
+"""Of them the motions under all models and their errors are held at once."""
 
 
 @dataclass(frozen=True)
@@ -62,10 +63,9 @@ class Judgement:
 
     def divided(self) -> Iterator["Judgement"]:
         """The judgement of some recordings at a time: of a large data set the motions of all are gigabytes."""
-        recordings = self.responses.recording
-        starts = np.flatnonzero(np.diff(recordings, prepend=-1))  # ordered by recording
-        for at_once in np.split(starts, range(_RECORDINGS_AT_ONCE, len(starts), _RECORDINGS_AT_ONCE)):
-            yield self._of(np.flatnonzero(np.isin(recordings, recordings[at_once])))
+        recordings = np.unique(self.responses.recording)
+        for some in np.array_split(recordings, max(-(-len(recordings) // _RECORDINGS_AT_ONCE), 1)):
+            yield self._of(np.flatnonzero(np.isin(self.responses.recording, some)))
 
     def _of(self, own: NDArray[np.intp]) -> "Judgement":
         behaviours = {
@@ -102,7 +102,7 @@ def predict(combination: Combination, followers: pd.DataFrame) -> None:
     responses = responses_of(rows)
     fits = _fits(rows, followers, work)
     rows = rows[list(_ABOUT)]  # their motions now stand in the responses, and would take as much again
-    found = _Predicted(_judged(combination, rows, responses, fits), scales(combination.settings), controls, how)
+    found = Predicted(_judged(combination, rows, responses, fits), scales(combination.settings), controls, how)
     groups = (artefacts.to_arrow("prediction", part, combination.provenance) for part in found)
     artefacts.write_groups(work, "prediction", groups, combination.provenance)
     for name in ("responses", "controls"):
@@ -131,7 +131,7 @@ def _judged(combination: Combination, rows: pd.DataFrame, responses: Responses, 
     return judgement
 
 
-class _Predicted:
+class Predicted:
     """Rows of ``prediction`` by recording, one after the other; what the other tables need of them in the end."""
 
     def __init__(
@@ -153,7 +153,7 @@ class _Predicted:
     @cached_property
     def charged(self) -> pd.DataFrame:
         """The table ``externality``."""
-        return pd.concat(self._charged, ignore_index=True)
+        return _joined("externality", self._charged)
 
     def believed(self) -> dict[str, Simulated]:
         """The followers under the models that plan."""
@@ -162,7 +162,7 @@ class _Predicted:
 
     def told(self, bootstrap: Bootstrap) -> dict[str, pd.DataFrame]:
         """The tables about the errors, by name. Asked for once: the errors are given up."""
-        first, others = (pd.concat(parts, ignore_index=True) for parts in zip(*self._errors, strict=True))
+        first, others = (_joined("prediction", parts) for parts in zip(*self._errors, strict=True))
         self._errors.clear()
         give_back_memory()
         summary = prediction_summary(first, self._models[0], bootstrap=bootstrap)
@@ -172,8 +172,14 @@ class _Predicted:
         return named | {"externality": self.charged}
 
 
+def _joined(name: str, parts: Sequence[pd.DataFrame]) -> pd.DataFrame:
+    """Parts of a table in one. Those without rows have no types, and would take those of the others away."""
+    filled = [part for part in parts if len(part)]
+    return pd.concat(filled, ignore_index=True) if filled else _table(name, [])
+
+
 def _what_tells(errors: pd.DataFrame) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """All rows of HV_1; of the other followers the last horizon, for a contact is one of all horizons after it."""
+    """All rows of HV_1; of each other follower that of the longest horizon, which holds its contacts before."""
     first = errors["follower"] == 1
     last = ~errors.duplicated(["event_id", "follower", "model"], keep="last")
     return errors[first], errors[~first & last]

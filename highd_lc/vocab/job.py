@@ -1,4 +1,7 @@
-"""What a stage is handed: one recording to work on, or all finished parts to combine."""
+"""What a stage is handed: one recording to work on, or all finished parts to combine.
+
+And what it gives back when it has done a large part: memory.
+"""
 
 import contextlib
 import ctypes
@@ -26,8 +29,9 @@ def give_back_memory() -> None:
 
     Arrow keeps what it has freed for the next table, and glibc what lies below something that is still in use.
     """
-    if "pyarrow" in sys.modules:
-        sys.modules["pyarrow"].default_memory_pool().release_unused()
+    with contextlib.suppress(AttributeError):  # not imported as a whole
+        if "pyarrow" in sys.modules:
+            sys.modules["pyarrow"].default_memory_pool().release_unused()
     with contextlib.suppress(OSError, AttributeError, TypeError):  # another C library
         ctypes.CDLL(None).malloc_trim(0)
 
