@@ -3,8 +3,8 @@
 Fifty delays times three gaps times the planner's search would take a second and more. The best objective as a
 function of the delay is smooth but for contacts, so: every fifth delay of every gap on a thin grid; from the most
 promising ones of each goal, or from all where none holds a feasible plan, the planner's own refinement; then from
-delay to delay as long as a goal gains. The
-planner's pool of the recorded gap without delay is among the starts: no policy loses to the one that it contains.
+delay to delay as long as a goal gains. The planner's pool of the recorded gap without delay is among the starts:
+no policy loses to the one that it contains.
 
 All goals go through these steps together: what a start is looked at for is one call of the kernels.
 """

@@ -192,11 +192,7 @@ def _finished(combination: Combination) -> pd.DataFrame:
         _replace(fitted, drawn, lengths)
     _fill_pools(rows, fitted, drivers, combination, lengths)
     frame = _frame("followers", rows)
-    groups = (
-        artefacts.to_arrow("followers", frame[frame["recording_id"] == recording], combination.provenance)
-        for recording in recordings
-    )
-    artefacts.write_groups(work, "followers", groups, combination.provenance)
+    artefacts.write_frame(work, "followers", frame, combination.provenance)
     artefacts.concatenate(work, STAGE, "follower_tracks", recordings, combination.provenance)
     own = frame[frame["status"] == names.FITTED]
     for name, table in (

@@ -239,6 +239,17 @@ def test_coarse_to_fine_finds_what_every_delay_finds(seed):
             assert mine.objective <= exhaustive.objective * 1.001
 
 
+def test_a_plan_between_the_nodes_of_every_thin_grid_is_found():
+    problem = pose(random_scene(np.random.default_rng(13)), ValidateSettings())
+    posed, wanted = pose_starts(problem), goals(problem)
+    assert all(problem.pool(names.FIXED).best(goal) is None for goal in wanted)
+    pools = start_pools(posed, wanted)[names.START]
+    later = next(key for key in pools if best_of({key: pools[key]}, wanted[0]))
+    alone = search(posed.task(later), wanted)
+    for goal in wanted:
+        assert best_of(pools, goal).objective <= alone.objective(goal).min() * 1.001
+
+
 def test_nobody_starts_after_a_contact_while_waiting():
     scene = random_scene(np.random.default_rng(6))
     posed = pose_starts(pose(scene, with_planner()))
