@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from highd_lc.core.drive import UNBOUNDED, advance, bounded
 from highd_lc.core.kernels import UNALIASED, kernel
-from highd_lc.core.lcm import idm_command, vector_exp
+from highd_lc.core.lcm import idm_command, lcm_of_inverses
 
 FloatArray = NDArray[np.float64]
 
@@ -85,26 +85,15 @@ def load_tile(parameters: FloatArray, first: int, width: int, scratch: FloatArra
         scratch[_L * WIDTH + i] = parameters[5, first + i]
 
 
-@njit(inline="always", fastmath={"contract"})
-def _command(
-    v: float,
-    spacing: float,
-    leader_v: float,
-    inverse_v_desire: float,
-    A: float,
-    half_inverse_b: float,
-    half_inverse_B: float,
-    tau: float,
-    L: float,
-    hardest: float,
-) -> float:
-    """Acceleration commanded by the LCM (equations 10 and 11).
-
-    The same as ``core.drive.lcm_command`` with the divisions by parameters turned into products.
-    """
-    wanted = v * (v * half_inverse_b + tau) - leader_v * leader_v * half_inverse_B + L
-    exponent = min(max(1.0 - spacing / max(wanted, L), -700.0), 40.0)
-    return bounded(A * (1.0 - v * inverse_v_desire - vector_exp(exponent)), hardest)
+@njit(inline="always")
+def _command(i: int, v: float, spacing: float, leader_v: float, hardest: float, scratch: FloatArray) -> float:
+    """Acceleration commanded by candidate i of a loaded tile (equations 10 and 11)."""
+    a = lcm_of_inverses(
+        v, spacing, leader_v,
+        scratch[_INVERSE_V_DESIRE * WIDTH + i], scratch[_A * WIDTH + i], scratch[_HALF_INVERSE_b * WIDTH + i],
+        scratch[_HALF_INVERSE_B * WIDTH + i], scratch[_TAU * WIDTH + i], scratch[_L * WIDTH + i],
+    )  # fmt: skip
+    return bounded(a, hardest)
 
 
 @kernel(fastmath={"contract"}, error_model="numpy", **UNALIASED)
@@ -183,18 +172,7 @@ def simulate_closed_loop(
             error_x, error_v = x - x_recorded, v - v_recorded
             scratch[ERROR_1 * WIDTH + i] += error_x * error_x
             scratch[ERROR_2 * WIDTH + i] += error_v * error_v
-            a = _command(
-                v,
-                leader_x - x,
-                leader_v,
-                scratch[_INVERSE_V_DESIRE * WIDTH + i],
-                scratch[_A * WIDTH + i],
-                scratch[_HALF_INVERSE_b * WIDTH + i],
-                scratch[_HALF_INVERSE_B * WIDTH + i],
-                scratch[_TAU * WIDTH + i],
-                scratch[_L * WIDTH + i],
-                hardest,
-            )
+            a = _command(i, v, leader_x - x, leader_v, hardest, scratch)
             states[now + SIM_COMMAND * WIDTH + i] = a
             states[now + SIM_A * WIDTH + i] = a
             x, v = advance(x, v, a, TIME_STEP)
@@ -228,18 +206,7 @@ def simulate_open_loop(
         v, leader_v, spacing = track[V, k], track[LEADER_V, k], track[LEADER_X, k] - track[X, k]
         recorded, weight = track[A, k], 1.0 / max(abs(track[A, k]), ACCELERATION_FLOOR)
         for i in range(width):
-            a = _command(
-                v,
-                spacing,
-                leader_v,
-                scratch[_INVERSE_V_DESIRE * WIDTH + i],
-                scratch[_A * WIDTH + i],
-                scratch[_HALF_INVERSE_b * WIDTH + i],
-                scratch[_HALF_INVERSE_B * WIDTH + i],
-                scratch[_TAU * WIDTH + i],
-                scratch[_L * WIDTH + i],
-                hardest,
-            )
+            a = _command(i, v, spacing, leader_v, hardest, scratch)
             states[now + SIM_COMMAND * WIDTH + i] = a
             states[now + SIM_A * WIDTH + i] = a
         if delayed:

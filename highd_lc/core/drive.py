@@ -27,7 +27,7 @@ from numba import cfunc, njit, types
 from numpy.typing import NDArray
 
 from highd_lc.core.kernels import CALL_VALUES, call_at, kernel
-from highd_lc.core.lcm import desired_spacing, idm_command, lcm_acceleration
+from highd_lc.core.lcm import desired_spacing, fused, idm_command, lcm_acceleration
 from highd_lc.vocab import names
 from highd_lc.vocab.errors import SettingsError
 from highd_lc.vocab.follower_names import command_parameters, own_function
@@ -114,8 +114,8 @@ def gentle(a: float, before: float, most: float, step: float) -> float:
 @njit(inline="always")
 def advance(x: float, v: float, a: float, dt: float) -> tuple[float, float]:
     """Position [m] and speed [m/s], at least 0, a step dt [s] later under the command a [m/s^2]."""
-    faster = max(v + a * dt, 0.0)
-    return x + faster * dt, faster
+    faster = max(fused(a, dt, v), 0.0)
+    return fused(faster, dt, x), faster
 
 
 @njit(inline="always")
@@ -202,7 +202,8 @@ def credited(t: float, relaxation: float) -> float:
 @njit(inline="always")
 def intended(a: float, a_0: float, m: float, drift: float) -> float:
     """A command a [m/s^2] mixed with the acceleration a_0 that persists with share m; drift: of the road."""
-    return m * a_0 + (1.0 - m) * (a + drift)
+    value: float = fused(m, a_0, (1.0 - m) * (a + drift))
+    return value
 
 
 @njit(inline="always")

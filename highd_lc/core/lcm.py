@@ -62,7 +62,8 @@ def _fused_multiply_add(typingctx: Any, a: Any, b: Any, c: Any) -> Any:
 
 _bits_of: Any = intrinsic(_bits)
 _float_of: Any = intrinsic(_float)
-_fused: Any = intrinsic(_fused_multiply_add)
+fused: Any = intrinsic(_fused_multiply_add)
+"""a b + c, rounded once; in kernels alone. Left to the compiler, last bits would depend on what it inlines."""
 
 
 @njit(inline="always")
@@ -70,19 +71,18 @@ def vector_exp(x: float) -> float:
     """exp(x) for -700 <= x <= 700, relative error below 1e-15; outside that range the result is undefined.
 
     exp(x) = 2**n exp(r), n the integer nearest x / ln 2, |r| <= ln(2)/2, exp(r) by its Taylor series to r**12
-    (remainder 2e-16) in Estrin's order. Sums of products are fused here by name: left to the compiler, its last
-    bits would depend on what it inlines.
+    (remainder 2e-16) in Estrin's order.
     """
-    shifted = _fused(x, _LOG2_E, _ROUND)
+    shifted = fused(x, _LOG2_E, _ROUND)
     n = shifted - _ROUND
-    r = _fused(-n, _LN2_LOW, _fused(-n, _LN2_HIGH, x))
+    r = fused(-n, _LN2_LOW, fused(-n, _LN2_HIGH, x))
     r2 = r * r
     r4 = r2 * r2
-    low = _fused(r2, _fused(_C3, r, _C2), 1.0 + r)
-    middle = _fused(r2, _fused(_C7, r, _C6), _fused(_C5, r, _C4))
-    high = _fused(r4, _C12, _fused(r2, _fused(_C11, r, _C10), _fused(_C9, r, _C8)))
+    low = fused(r2, fused(_C3, r, _C2), 1.0 + r)
+    middle = fused(r2, fused(_C7, r, _C6), fused(_C5, r, _C4))
+    high = fused(r4, _C12, fused(r2, fused(_C11, r, _C10), fused(_C9, r, _C8)))
     scale: float = _float_of((_bits_of(shifted) + np.int64(1023)) << np.int64(52))
-    value: float = _fused(r4, _fused(r4, high, middle), low) * scale
+    value: float = fused(r4, fused(r4, high, middle), low) * scale
     return value
 
 
@@ -91,6 +91,32 @@ def vector_exp(x: float) -> float:
 _LARGEST_EXPONENT = 40.0
 # exp(-700) = 1e-304: indistinguishable from a free road, and inside the range of vector_exp.
 _SMALLEST_EXPONENT = -700.0
+
+
+@njit(inline="always")
+def _desired_spacing(
+    v: float, v_leader: float, half_inverse_b: float, half_inverse_B: float, tau: float, L: float
+) -> float:
+    wanted = fused(v, fused(v, half_inverse_b, tau), -(v_leader * v_leader * half_inverse_B)) + L
+    return max(wanted, L)
+
+
+@njit(inline="always")
+def lcm_of_inverses(
+    v: float,
+    spacing: float,
+    v_leader: float,
+    inverse_v_desire: float,
+    A: float,
+    half_inverse_b: float,
+    half_inverse_B: float,
+    tau: float,
+    L: float,
+) -> float:
+    """``lcm_acceleration`` from 1 / v_desire, 1 / (2 b) and 1 / (2 B), which a loop then divides by once."""
+    wanted = _desired_spacing(v, v_leader, half_inverse_b, half_inverse_B, tau, L)
+    exponent = min(max(1.0 - spacing / wanted, _SMALLEST_EXPONENT), _LARGEST_EXPONENT)
+    return A * (fused(-v, inverse_v_desire, 1.0) - vector_exp(exponent))
 
 
 @njit(inline="always")
@@ -108,8 +134,7 @@ def desired_spacing(v: float, v_leader: float, b: float, B: float, tau: float, L
     Returns:
         max(v^2 / (2 b) - v_leader^2 / (2 B) + v tau + L, L) [m], front to front.
     """
-    wanted = v * v / (2.0 * b) - v_leader * v_leader / (2.0 * B) + v * tau + L
-    return max(wanted, L)
+    return _desired_spacing(v, v_leader, 0.5 / b, 0.5 / B, tau, L)
 
 
 @njit(inline="always")
@@ -137,9 +162,7 @@ def lcm_acceleration(
     Returns:
         A (1 - v / v_desire - exp(1 - spacing / s*)) [m/s^2], the exponent capped at 40.
     """
-    ratio = 1.0 - spacing / desired_spacing(v, v_leader, b, B, tau, L)
-    exponent = min(max(ratio, _SMALLEST_EXPONENT), _LARGEST_EXPONENT)
-    return A * (1.0 - v / v_desire - vector_exp(exponent))
+    return lcm_of_inverses(v, spacing, v_leader, 1.0 / v_desire, A, 0.5 / b, 0.5 / B, tau, L)
 
 
 def moved_behind(L: float, leader_length: float, new_leader_length: float) -> float:

@@ -26,6 +26,7 @@ from highd_lc.core.drive import (
     remembered,
 )
 from highd_lc.core.kernels import UNALIASED, kernel, plain
+from highd_lc.core.lcm import fused
 from highd_lc.core.losses import LossTerms
 from highd_lc.core.quintic import reaches
 from highd_lc.planning.candidates_av import drive_av
@@ -218,9 +219,8 @@ def _step(
     """Charge candidate w's follower for its command at sample k, and move it."""
     x, v = state[FRONT * WIDTH + w], state[SPEED * WIDTH + w]
     short = ref - v
-    state[TO_H * WIDTH + w] += counted * abs(a - state[COMMAND * WIDTH + w]) + efficiency * max(
-        short, -both_sides * short
-    )
+    charged = fused(efficiency, max(short, -both_sides * short), state[TO_H * WIDTH + w])
+    state[TO_H * WIDTH + w] = fused(counted, abs(a - state[COMMAND * WIDTH + w]), charged)
     state[NEAREST * WIDTH + w] = min(state[NEAREST * WIDTH + w], spacing)
     own[k * WIDTH + w], speed[k * WIDTH + w] = x, v
     later, faster = advance(x, v, a, dt)

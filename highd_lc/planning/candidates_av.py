@@ -5,6 +5,7 @@ from numpy.typing import NDArray
 
 from highd_lc.core.drive import advance, gentle, lcm_command
 from highd_lc.core.kernels import UNALIASED, kernel
+from highd_lc.core.lcm import fused
 from highd_lc.core.losses import LossTerms
 from highd_lc.core.quintic import (
     lateral,
@@ -54,12 +55,13 @@ def drive_av(
         jy = abs(lateral_jerk(u, T, scene.D, scene.start))
         for w in range(WIDTH):
             delta, change = state[DELTA * WIDTH + w], state[CHANGE * WIDTH + w]
-            v = v_base + delta * dz + change * dq
-            front[k * WIDTH + w] = base + delta * z + change * q
+            v = fused(change, dq, fused(delta, dz, v_base))
+            front[k * WIDTH + w] = fused(change, q, fused(delta, z, base))
             speed[k * WIDTH + w] = v
-            short = ref - np.sqrt(v * v + vy * vy)
-            jerk = abs(j_base + delta * j_z + change * j_q) + jy
-            state[TO_T * WIDTH + w] += comfort * jerk + efficiency * max(short, -both_sides * short)
+            short = ref - np.sqrt(fused(v, v, vy * vy))
+            jerk = abs(fused(change, j_q, fused(delta, j_z, j_base))) + jy
+            charged = fused(efficiency, max(short, -both_sides * short), state[TO_T * WIDTH + w])
+            state[TO_T * WIDTH + w] = fused(comfort, jerk, charged)
     after = 1.0 if scene.after_lcm else 0.0
     # A plan that ends at H has no drive after T, hence no step onto it.
     handover = comfort / dt if scene.counts_handover and n + 1 < len(scene.target_v) else 0.0
@@ -79,8 +81,7 @@ def drive_av(
             a = after * lcm_command(v, target - x, target_v, v_desire, A, b, B, tau, L, hardest)
             a = gentle(a, before, most, step)
             short = ref - v
-            state[TO_H * WIDTH + w] += comfort * (abs(a - before) / dt) + efficiency * max(
-                short, -both_sides * short
-            )
+            charged = fused(efficiency, max(short, -both_sides * short), state[TO_H * WIDTH + w])
+            state[TO_H * WIDTH + w] = fused(comfort / dt, abs(a - before), charged)
             state[FRONT * WIDTH + w], state[SPEED * WIDTH + w], state[COMMAND * WIDTH + w] = x, v, a
             front[k * WIDTH + w], speed[k * WIDTH + w] = x, v
