@@ -65,8 +65,6 @@ class Pool:
             pool._feasible[accounting] = np.concatenate([kept, *(p.feasible(accounting) for p in others)])
         for goal, value in self._unconstrained.items():
             pool._unconstrained[goal] = np.concatenate([value, *(p.unconstrained(goal) for p in others)])
-        for goal, value in self._objective.items():
-            pool._objective[goal] = np.concatenate([value, *(p.objective(goal) for p in others)])
         return pool
 
     @cached_property
@@ -115,10 +113,11 @@ class Pool:
         met: NDArray[np.bool_] = self.contact <= (self.n if accounting == names.PAPER else NO_CONTACT - 1)
         return met
 
-    def obstacle(self, accounting: str) -> IntArray:
-        """What stands in each candidate's way: -1 nothing, the role of the first contact, or -1 - violation."""
-        blocked = np.where(self.violation > 0, -1 - self.violation, self.role)
-        return np.where(self.feasible(accounting), -1, blocked)
+    def obstacle(self, accounting: str, index: IntArray) -> IntArray:
+        """What stands in some candidates' way: -1 nothing, the role of the first contact, or -1 - violation."""
+        violation = self.violation[index]
+        blocked = np.where(violation > 0, -1 - violation, self.role[index])
+        return np.where(self.feasible(accounting)[index], -1, blocked)
 
     def unconstrained(self, goal: Goal) -> FloatArray:
         """Joint objective of each candidate, feasible or not."""

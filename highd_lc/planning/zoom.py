@@ -13,6 +13,7 @@ less than the best feasible plan: best-first bisection, many intervals at a time
 
 import math
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, Final
 
 import numpy as np
@@ -239,44 +240,56 @@ _WORTHWHILE: Final = 2e-4
 def refine_edges(task: Task, pool: Pool, goals: list[Goal]) -> Pool:
     """The pool with finer candidates across the edges that promise more than the best of some goal."""
     between = np.linspace(0.0, 1.0, WIDTH + 2)[1:-1]
+    low, high = _intervals(pool, goals)
     for _ in range(_LEVELS):
-        low, high = _promising(pool, goals)
-        if not len(low):
+        chosen = _promising(pool, goals, low, high)
+        if not len(chosen):
             break
-        start, end = pool.delta[low][:, None], pool.delta[high][:, None]
-        change = np.repeat(pool.change[low][:, None], WIDTH, axis=1)
-        pool = pool.joined(task.simulate(pool.n[low], start + (end - start) * between, change))
+        start, end = pool.delta[low[chosen]][:, None], pool.delta[high[chosen]][:, None]
+        change = np.repeat(pool.change[low[chosen]][:, None], WIDTH, axis=1)
+        found = task.simulate(pool.n[low[chosen]], start + (end - start) * between, change)
+        low, high = _divided(low, high, chosen, len(pool))
+        pool = pool.joined(found)
     return pool
 
 
-def _promising(pool: Pool, goals: list[Goal]) -> tuple[IntArray, IntArray]:
-    """The candidates at both ends of each interval to divide."""
-    target = {goal: _target(pool, goal) for goal in goals}
-    tempting = np.logical_or.reduce([pool.unconstrained(goal) < target[goal] for goal in goals])
-    if not tempting.any():
+def _intervals(pool: Pool, goals: list[Goal]) -> tuple[IntArray, IntArray]:
+    """The candidates at both ends of the intervals of the lines over x_final on which one promises something."""
+    wanted = np.logical_or.reduce([pool.unconstrained(goal) < _target(pool, goal) for goal in goals])
+    if not wanted.any():
         return np.empty(0, np.int64), np.empty(0, np.int64)
-    lined = _on_lines(pool, tempting)
-    part = pool.chosen(lined)
-    low, high = np.arange(len(part) - 1), np.arange(1, len(part))
-    one_line = (part.n[low] == part.n[high]) & (part.change[low] == part.change[high])
-    one_line &= part.delta[high] - part.delta[low] > _NARROW_M
-    chosen: set[int] = set()
-    for goal in goals:
-        obstacle, value = part.obstacle(goal.accounting), part.unconstrained(goal)
-        promise = np.minimum(value[low], value[high])
-        where = np.flatnonzero(one_line & (obstacle[low] != obstacle[high]) & (promise < target[goal]))
-        chosen |= set(where[np.argsort(promise[where], kind="stable")[:_AT_ONCE]].tolist())
-    places = np.array(sorted(chosen), np.int64)
-    return lined[places], lined[places + 1]
-
-
-def _on_lines(pool: Pool, wanted: NDArray[np.bool_]) -> IntArray:
-    """The lines over x_final that hold a wanted candidate, in order: no other one has a promising interval."""
     durations = np.zeros(pool.n.max() + 1, np.bool_)
     durations[pool.n[wanted]] = True
     on = np.flatnonzero(durations[pool.n])
-    on = on[np.isin(pool.change[on], pool.change[wanted])]
-    return on[np.lexsort((pool.delta[on], pool.change[on], pool.n[on]))]
+    changes = np.unique(pool.change[wanted])
+    change = np.searchsorted(changes[:-1], pool.change[on])
+    same = changes[change] == pool.change[on]
+    on, change = on[same], change[same]
+    several = np.bincount(change)[change] > 1  # of a cloud each candidate has a change of its own
+    on, change = on[several], change[several]
+    on = on[np.lexsort((pool.delta[on], change, pool.n[on]))]
+    one_line = np.flatnonzero((np.diff(pool.n[on]) == 0) & (np.diff(pool.change[on]) == 0.0))
+    return on[one_line], on[one_line + 1]
+
+
+def _promising(pool: Pool, goals: list[Goal], low: IntArray, high: IntArray) -> IntArray:
+    """Places of the intervals to divide: the most promising of each goal that hold an edge."""
+    wide, chosen = pool.delta[high] - pool.delta[low] > _NARROW_M, np.zeros(len(low), np.bool_)
+    for goal in goals:
+        value, obstacle = pool.unconstrained(goal), partial(pool.obstacle, goal.accounting)
+        promise = np.minimum(value[low], value[high])
+        where = np.flatnonzero(wide & (promise < _target(pool, goal)))
+        where = where[obstacle(low[where]) != obstacle(high[where])]
+        chosen[where[np.argsort(promise[where], kind="stable")[:_AT_ONCE]]] = True
+    return np.flatnonzero(chosen)
+
+
+def _divided(low: IntArray, high: IntArray, chosen: IntArray, first: int) -> tuple[IntArray, IntArray]:
+    """The intervals in the same order, the chosen ones divided at WIDTH candidates each, from ``first`` on."""
+    inner = first + np.arange(len(chosen) * WIDTH).reshape(-1, WIDTH)
+    starts = np.insert(low, np.repeat(chosen + 1, WIDTH), inner.ravel())
+    ends = np.insert(high, np.repeat(chosen, WIDTH), inner.ravel())
+    return starts, ends
 
 
 def _target(pool: Pool, goal: Goal) -> float:
