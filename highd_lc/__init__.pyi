@@ -19,7 +19,7 @@ from highd_lc.api.recordings import read_recording as read_recording
 from highd_lc.api.recordings import synthesize as synthesize
 from highd_lc.api.scenes import Scene as Scene
 from highd_lc.api.scenes import Vehicle as Vehicle
-from highd_lc.planning.other_planners import PlannedMotion as PlannedMotion
+from highd_lc.planning.replay import PlannedMotion as PlannedMotion
 from highd_lc.vocab.driver import SIMULATION as SIMULATION
 from highd_lc.vocab.driver import TABLE3_MEANS as TABLE3_MEANS
 from highd_lc.vocab.driver import LcmParameters as LcmParameters

@@ -97,7 +97,7 @@ _SMALLEST_EXPONENT = -700.0
 def _desired_spacing(
     v: float, v_leader: float, half_inverse_b: float, half_inverse_B: float, tau: float, L: float
 ) -> float:
-    wanted = fused(v, fused(v, half_inverse_b, tau), -(v_leader * v_leader * half_inverse_B)) + L
+    wanted: float = fused(v, fused(v, half_inverse_b, tau), -(v_leader * v_leader * half_inverse_B)) + L
     return max(wanted, L)
 
 
@@ -116,7 +116,8 @@ def lcm_of_inverses(
     """``lcm_acceleration`` from 1 / v_desire, 1 / (2 b) and 1 / (2 B), which a loop then divides by once."""
     wanted = _desired_spacing(v, v_leader, half_inverse_b, half_inverse_B, tau, L)
     exponent = min(max(1.0 - spacing / wanted, _SMALLEST_EXPONENT), _LARGEST_EXPONENT)
-    return A * (fused(-v, inverse_v_desire, 1.0) - vector_exp(exponent))
+    a: float = A * (fused(-v, inverse_v_desire, 1.0) - vector_exp(exponent))
+    return a
 
 
 @njit(inline="always")

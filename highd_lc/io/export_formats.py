@@ -1,4 +1,4 @@
-"""Scenes written by the formats' own libraries (extra ``export``): OMEGA-PRIME, CommonRoad, OpenSCENARIO.
+"""Scenes as CSV, and by the formats' own libraries (extra ``export``): OMEGA-PRIME, CommonRoad, OpenSCENARIO.
 
 Each writer takes a scene and a folder, and gives the files. x and y are those of the scene; the road is straight,
 with the recording's markings, from 100 m behind everybody to 100 m ahead of all.
@@ -7,19 +7,80 @@ with the recording's markings, from 100 m behind everybody to 100 m ahead of all
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 
-from highd_lc.io.exports import STEP_S, ExportScene
+from highd_lc.io.atomic import whole_file
 from highd_lc.vocab import names
 from highd_lc.vocab.errors import MissingExtraError
+from highd_lc.vocab.tables.prediction import RECORDED
+
+FloatArray = NDArray[np.float64]
+
+STEP_S: Final = 0.1
+COLUMNS: Final = (
+    "role",
+    "vehicle_id",
+    "class",
+    "length",
+    "width",
+    "t",
+    "x",
+    "y",
+    "vx",
+    "vy",
+    "ax",
+    "ay",
+    "heading",
+)
 
 _MARGIN_M: Final = 100.0
 _HEIGHT_M: Final = {names.CAR: 1.5, names.TRUCK: 3.5}
 _NANOS: Final = round(1e9 * STEP_S)
+
+
+@dataclass(frozen=True)
+class ExportScene:
+    """One event to be written.
+
+    rows: ``COLUMNS``, a row a vehicle and 0.1 s; policy: who plans the ego, or ``recorded``; markings: y of the
+    lane markings from the right [m]; T: end of the lane change [s].
+    """
+
+    event_id: str
+    policy: str
+    rows: pd.DataFrame
+    markings: FloatArray
+    T: float
+
+    @property
+    def planned(self) -> bool:
+        """Whether a policy moves the ego."""
+        return self.policy != RECORDED
+
+    @property
+    def ego(self) -> pd.DataFrame:
+        """The ego's rows."""
+        return self.rows[self.rows["role"] == names.EGO]
+
+    @property
+    def name(self) -> str:
+        """A name for its files."""
+        return f"{self.event_id}_{self.policy.replace(':', '.')}"
+
+
+def write_csv(scene: ExportScene, out: Path) -> list[Path]:
+    """The scene's rows."""
+    path = out / f"{scene.name}.csv"
+    out.mkdir(parents=True, exist_ok=True)
+    with whole_file(path) as file:
+        file.write(scene.rows.to_csv(index=False, float_format="%.6g").encode())
+    return [path]
 
 
 @contextmanager
@@ -319,6 +380,7 @@ def _stop_after(seconds: float) -> Any:
 
 
 WRITERS: Final[dict[str, Callable[[ExportScene, Path], list[Path]]]] = {
+    "csv": write_csv,
     "omega-prime": write_omega_prime,
     "commonroad": write_commonroad,
     "openscenario": write_openscenario,

@@ -5,7 +5,6 @@ centres from the ego's centre at t_start, x along the road, y to the left [m].
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
@@ -15,8 +14,8 @@ import pyarrow.dataset as ds
 from numpy.typing import NDArray
 
 from highd_lc.io import artefacts
-from highd_lc.io.atomic import whole_file
 from highd_lc.io.event_description import event_facts
+from highd_lc.io.export_formats import COLUMNS, STEP_S, WRITERS, ExportScene
 from highd_lc.vocab import names
 from highd_lc.vocab.errors import ArtefactError, UsageError
 from highd_lc.vocab.settings import Settings
@@ -24,56 +23,9 @@ from highd_lc.vocab.tables.prediction import RECORDED
 
 FloatArray = NDArray[np.float64]
 
-TARGETS: Final = ("csv", "omega-prime", "commonroad", "openscenario")
-STEP_S: Final = 0.1
-COLUMNS: Final = (
-    "role",
-    "vehicle_id",
-    "class",
-    "length",
-    "width",
-    "t",
-    "x",
-    "y",
-    "vx",
-    "vy",
-    "ax",
-    "ay",
-    "heading",
-)
 _LICENCE: Final = (
     "recorded data in HighD's format: its licence allows no redistribution; give --raw to export it for yourself"
 )
-
-
-@dataclass(frozen=True)
-class ExportScene:
-    """One event to be written.
-
-    rows: ``COLUMNS``, a row a vehicle and 0.1 s; policy: who plans the ego, or ``recorded``; markings: y of the
-    lane markings from the right [m]; T: end of the lane change [s].
-    """
-
-    event_id: str
-    policy: str
-    rows: pd.DataFrame
-    markings: FloatArray
-    T: float
-
-    @property
-    def planned(self) -> bool:
-        """Whether a policy moves the ego."""
-        return self.policy != RECORDED
-
-    @property
-    def ego(self) -> pd.DataFrame:
-        """The ego's rows."""
-        return self.rows[self.rows["role"] == names.EGO]
-
-    @property
-    def name(self) -> str:
-        """A name for its files."""
-        return f"{self.event_id}_{self.policy.replace(':', '.')}"
 
 
 def export(
@@ -84,7 +36,7 @@ def export(
     Args:
         work: folder in which the stages up to validate have run.
         event_ids: of the events.
-        to: one of ``TARGETS``.
+        to: one of ``WRITERS``.
         policy: who plans the ego; ``recorded`` = everybody as recorded.
         out: folder to write to.
         raw: export data in HighD's format all the same.
@@ -97,14 +49,10 @@ def export(
         ArtefactError: the motions of an event were not written.
         MissingExtraError: the format's library is not installed.
     """
-    if to not in TARGETS:
-        raise UsageError(f"--to {to!r}: one of {', '.join(TARGETS)} is needed")
+    if to not in WRITERS:
+        raise UsageError(f"--to {to!r}: one of {', '.join(WRITERS)} is needed")
     scenes = [export_scene(work, event_id, policy=policy, raw=raw) for event_id in dict.fromkeys(event_ids)]
-    if to == "csv":
-        return [_write_csv(scene, out) for scene in scenes]
-    from highd_lc.io import export_formats  # whose libraries are optional
-
-    return [path for scene in scenes for path in export_formats.WRITERS[to](scene, out)]
+    return [path for scene in scenes for path in WRITERS[to](scene, out)]
 
 
 def export_scene(work: Path, event_id: str, *, policy: str = RECORDED, raw: bool = False) -> ExportScene:
@@ -189,11 +137,3 @@ def _markings(work: Path, facts: dict[str, Any], quality: pd.DataFrame, rows: pd
     at = (ds.field("vehicle_id") == int(facts["ego_id"])) & (ds.field("frame") == int(facts["start_frame"]))
     y = ds.dataset(path).to_table(columns=["y"], filter=at)["y"].to_numpy()
     return np.asarray(own["markings"], dtype=np.float64) - float(y[0])
-
-
-def _write_csv(scene: ExportScene, out: Path) -> Path:
-    path = out / f"{scene.name}.csv"
-    out.mkdir(parents=True, exist_ok=True)
-    with whole_file(path) as file:
-        file.write(scene.rows.to_csv(index=False, float_format="%.6g").encode())
-    return path

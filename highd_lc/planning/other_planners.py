@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from highd_lc.planning import planner
 from highd_lc.planning.planner import Plan, PlanningProblem
-from highd_lc.planning.replay import AvMotion, replay
+from highd_lc.planning.replay import AvMotion, PlannedMotion, replay
 from highd_lc.planning.scene import Scene
 from highd_lc.vocab import names
 
@@ -20,25 +20,6 @@ FloatArray = NDArray[np.float64]
 
 _PLACE_M, _SPEED_MPS, _LANE_M = 0.1, 1.0, 0.5
 _DERIVED: Final = (("vx", "x"), ("vy", "y"), ("ax", "vx"), ("ay", "vy"), ("jx", "ax"), ("jy", "ay"))
-
-
-@dataclass(frozen=True)
-class PlannedMotion:
-    """A lane change by samples of the scene's dt, 0.1 s, from t = 0 to its end T = n dt; n + 1 samples.
-
-    x, y: way forward and to the left of the rear axle since t = 0 [m] (equations.md 2). vx, vy [m/s], ax, ay
-    [m/s^2], jx, jy [m/s^3]: its derivatives; those left out are differences of the one before, central inside and
-    of second order at the ends. Each of shape (n + 1,).
-    """
-
-    x: FloatArray
-    y: FloatArray
-    vx: FloatArray | None = None
-    vy: FloatArray | None = None
-    ax: FloatArray | None = None
-    ay: FloatArray | None = None
-    jx: FloatArray | None = None
-    jy: FloatArray | None = None
 
 
 Planner: TypeAlias = Callable[[Scene], PlannedMotion | str]

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, TypeVar
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +18,7 @@ from highd_lc.planning.limits import first_contact
 from highd_lc.planning.pool import Goal, Pool, Task
 from highd_lc.planning.replay import (
     AvMotion,
+    PlannedMotion,
     Replay,
     clearances,
     constant_samples,
@@ -34,9 +35,6 @@ from highd_lc.planning.search import nominal_rejections, search
 from highd_lc.vocab import names
 from highd_lc.vocab.policy import ACCOUNTINGS, PAIRS, POLICIES
 from highd_lc.vocab.settings import ValidateSettings
-
-if TYPE_CHECKING:
-    from highd_lc.planning.other_planners import PlannedMotion
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
@@ -72,7 +70,7 @@ class Plan:
     delay_s: float = 0.0
     gap: str = names.RECORDED_GAP
     contact: str = ""
-    motion: "PlannedMotion | None" = None
+    motion: PlannedMotion | None = None
     moments: dict[str, float] = field(default_factory=dict)
     fallback: str = ""
     binding: str = ""

@@ -29,6 +29,25 @@ _OTHERS = TABLE3_MEANS.as_array()
 
 
 @dataclass(frozen=True)
+class PlannedMotion:
+    """A lane change by samples of the scene's dt, 0.1 s, from t = 0 to its end T = n dt; n + 1 samples.
+
+    x, y: way forward and to the left of the rear axle since t = 0 [m] (equations.md 2). vx, vy [m/s], ax, ay
+    [m/s^2], jx, jy [m/s^3]: its derivatives; those left out are differences of the one before, central inside and
+    of second order at the ends. Each of shape (n + 1,).
+    """
+
+    x: FloatArray
+    y: FloatArray
+    vx: FloatArray | None = None
+    vy: FloatArray | None = None
+    ax: FloatArray | None = None
+    ay: FloatArray | None = None
+    jx: FloatArray | None = None
+    jy: FloatArray | None = None
+
+
+@dataclass(frozen=True)
 class AvMotion:
     """Motion of the AV over 0 .. N samples, prescribed up to sample n (T = n dt), and of a recorded one up to
     sample ``recorded``, as long as it is in view (0: not recorded).

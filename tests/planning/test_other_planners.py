@@ -8,7 +8,8 @@ import pytest
 
 import highd_lc as lc
 from highd_lc.core.quintic import sample
-from highd_lc.planning.other_planners import PlannedMotion, ask
+from highd_lc.planning.other_planners import ask
+from highd_lc.planning.replay import PlannedMotion
 
 sys.path.append(str(Path(__file__).resolve().parents[2]))
 from examples.fixed_quintic import fixed_quintic
