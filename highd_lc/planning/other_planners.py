@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from highd_lc.planning import planner
 from highd_lc.planning.planner import Plan, PlanningProblem
 from highd_lc.planning.replay import AvMotion, PlannedMotion, replay
+from highd_lc.planning.safety import motion_margins
 from highd_lc.planning.scene import Scene
 from highd_lc.vocab import names
 
@@ -96,7 +97,7 @@ def plans_of(problem: PlanningProblem, name: str, given: Given) -> list[Plan]:
             status = names.INFEASIBLE_AT_START
         return [Plan(name, accounting, status) for accounting in names.ACCOUNTINGS]
     played = replay(_av(given.columns, problem), problem.packed)
-    limits = _limits(given.columns, problem)
+    limits = motion_margins(given.motion, problem.limit)
     found = []
     for accounting in names.ACCOUNTINGS:
         plan = Plan(name, accounting, names.SOLVED, replay=played, motion=given.motion)
@@ -116,13 +117,3 @@ def _av(columns: dict[str, FloatArray], problem: PlanningProblem) -> AvMotion:
     across = np.flatnonzero(columns["y"] / problem.scene.lateral_shift >= 0.5)
     crossing = int(across[0]) if len(across) else samples
     return AvMotion(x, y, vx, vy, ax, j, n=n, crossing=crossing)
-
-
-def _limits(columns: dict[str, FloatArray], problem: PlanningProblem) -> dict[str, float]:
-    """How far the motion stays inside each limit, at its samples."""
-    limit = problem.limit
-    speed = np.hypot(columns["vx"], columns["vy"])
-    found = {"speed": float(min(speed.min() - limit.v_min, limit.v_max - speed.max()))}
-    bounds = {"acceleration_x": ("ax", limit.acceleration), "acceleration_y": ("ay", limit.acceleration)}
-    bounds |= {"jerk_x": ("jx", limit.jerk), "jerk_y": ("jy", limit.jerk)}
-    return found | {name: float(bound - np.abs(columns[c]).max()) for name, (c, bound) in bounds.items()}

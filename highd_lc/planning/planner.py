@@ -29,7 +29,7 @@ from highd_lc.planning.replay import (
     plan_motion,
     replay,
 )
-from highd_lc.planning.safety import Kept, binding, human_margins, kept
+from highd_lc.planning.safety import Kept, binding, kept, motion_margins
 from highd_lc.planning.scene import PackedScene, Scene, obstacle_roles, pack
 from highd_lc.planning.search import nominal_rejections, search
 from highd_lc.vocab import names
@@ -251,7 +251,7 @@ def reference_plans(problem: PlanningProblem, policy: str) -> list[Plan]:
         # The recorded path is that of the box centre: nothing to move for the clearances.
         centred = problem.packed._replace(rear_to_centre=0.0)
         played = replay(human_motion(problem.scene.driver, centred), centred)
-        motion = human_margins(problem.scene.driver, problem.limit)
+        motion = motion_margins(problem.scene.driver, problem.limit, problem.scene.driver.end)
     else:
         played = stay(problem)
     found = []

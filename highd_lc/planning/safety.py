@@ -25,7 +25,7 @@ from highd_lc.planning.limits import (
     Pair,
     pairs,
 )
-from highd_lc.planning.replay import Replay
+from highd_lc.planning.replay import PlannedMotion, Replay
 from highd_lc.planning.scene import Human, PackedScene, SafetyLimits
 from highd_lc.vocab import names
 
@@ -238,16 +238,15 @@ def binding(scene: PackedScene, rejected: dict[str, int]) -> str:
     return max(most, key=lambda name: most[name], default="")
 
 
-def human_margins(human: Human, limit: Limits) -> dict[str, float]:
-    """How far the recorded, smoothed motion stays inside each dynamic limit, at its samples."""
-    to_T = slice(None if human.end is None else human.end + 1)
-    speed = np.hypot(human.vx, human.vy)[to_T]
-    found = {"speed": float(min(speed.min() - limit.v_min, limit.v_max - speed.max()))}
-    for name, values, bound in (
-        ("acceleration_x", human.ax, limit.acceleration),
-        ("acceleration_y", human.ay, min(limit.acceleration, limit.lateral)),
-        ("jerk_x", human.jx, limit.jerk),
-        ("jerk_y", human.jy, limit.jerk),
-    ):
-        found[name] = float(bound - np.abs(values[to_T]).max())
-    return found
+def motion_margins(motion: Human | PlannedMotion, limit: Limits, last: int | None = None) -> dict[str, float]:
+    """How far a motion stays inside each dynamic limit at its samples, to sample ``last`` or its end."""
+    columns = (np.asarray(getattr(motion, name), np.float64) for name in ("vx", "vy", "ax", "ay", "jx", "jy"))
+    vx, vy, ax, ay, jx, jy = (np.abs(values[: None if last is None else last + 1]) for values in columns)
+    speed = np.hypot(vx, vy)
+    return {
+        "speed": float(min(speed.min() - limit.v_min, limit.v_max - speed.max())),
+        "acceleration_x": float(limit.acceleration - ax.max()),
+        "acceleration_y": float(min(limit.acceleration, limit.lateral) - ay.max()),
+        "jerk_x": float(limit.jerk - jx.max()),
+        "jerk_y": float(limit.jerk - jy.max()),
+    }
