@@ -99,17 +99,18 @@ def command_jerk(a: FloatArray, dt: float) -> FloatArray:
 def follower_weights(v: FloatArray, spacing: FloatArray, v_av: float) -> FloatArray:
     """Weights of the followers at t_start (equations 16 and 17).
 
-    sigma_i = |v_i - v_AV| / sqrt(spacing_i), omega_i = sigma_i / sum; equal weights if every sigma is 0.
+    sigma_i = |v_i - v_AV| / sqrt(spacing_i), omega_i = sigma_i / sum; equal weights if every sigma is 0, or if the
+    front of one is not behind the AV's, which leaves its sigma open (equations.md 4.3).
 
     Args:
         v: speeds of the followers [m/s], shape (p,).
-        spacing: front to front to the AV [m], positive, shape (p,).
+        spacing: front to front to the AV [m], shape (p,).
         v_av: speed of the AV [m/s].
 
     Returns:
         The weights, sum 1, shape (p,).
     """
-    sigma = np.abs(v - v_av) / np.sqrt(spacing)
+    sigma = np.abs(v - v_av) / np.sqrt(np.where(spacing > 0.0, spacing, np.nan))
     total = float(np.sum(sigma))
     return sigma / total if total > 0.0 else np.full(len(v), 1.0 / max(len(v), 1))
 

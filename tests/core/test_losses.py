@@ -34,6 +34,11 @@ def test_followers_at_the_same_speed_weigh_alike():
     )
 
 
+@pytest.mark.parametrize("spacing", [[0.0, 30.0], [-5.75, 30.0]])
+def test_a_follower_beside_the_av_leaves_all_weights_equal(spacing):
+    np.testing.assert_array_equal(follower_weights(np.array([20.0, 25.0]), np.array(spacing), 22.0), [0.5, 0.5])
+
+
 @given(
     arrays(float, 4, elements=st.floats(0, 50)), arrays(float, 4, elements=st.floats(0.1, 200)), st.floats(0, 50)
 )
