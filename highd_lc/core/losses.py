@@ -1,5 +1,7 @@
 """Losses of comfort and efficiency (paper, equations 5 to 7 and 12 to 19, conventions: equations.md 4).
 
+``charge`` charges a whole motion; ``charged`` adds a sample in the kernels that simulate many motions at once.
+
 Sums run over the samples t_k = k dt, both ends included. Cumulative sums are returned, so that one motion serves
 every accounting: the value at index k is the loss charged over 0 .. t_k.
 """
@@ -8,7 +10,10 @@ from dataclasses import dataclass
 from typing import Any, Generic, NamedTuple, TypeVar
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
+
+from highd_lc.core.lcm import fused
 
 FloatArray = NDArray[np.float64]
 Value = TypeVar("Value", float, FloatArray)
@@ -67,7 +72,7 @@ def cumulative_efficiency(
 
 
 def cumulative_comfort(jerk: FloatArray, *, scale: float) -> FloatArray:
-    """Normalised comfort charged over 0 .. t_k (equation 5).
+    """Normalised comfort charged over 0 .. t_k (equations 5 and 12).
 
     Args:
         jerk: [m/s^3], shape (..., N + 1).
@@ -158,3 +163,24 @@ def charge(v: FloatArray, jerk: FloatArray, v_ref: float | FloatArray, terms: Lo
     """
     efficiency = cumulative_efficiency(v, v_ref, scale=0.5 / terms.efficiency, one_sided=terms.one_sided)
     return Charge(cumulative_comfort(jerk, scale=0.5 / terms.comfort), efficiency)
+
+
+@njit(inline="always")
+def charged(
+    loss: float, jerk: float, v: float, v_ref: float, comfort: float, efficiency: float, both_sides: float
+) -> float:
+    """A loss with a sample more: what ``charge`` and ``Charge.loss`` make of it, in kernels.
+
+    Args:
+        loss: before the sample.
+        jerk: magnitude [m/s^3], or the step of a command [m/s^2] with ``comfort`` over dt.
+        v, v_ref: speed and its reference [m/s].
+        comfort, efficiency: factors of ``LossTerms``.
+        both_sides: 0 if only speeds below v_ref count, else 1.
+
+    Returns:
+        loss + comfort jerk + efficiency |v - v_ref| (equations 5 to 7, 12, 13).
+    """
+    short = v_ref - v
+    more: float = fused(comfort, jerk, fused(efficiency, max(short, -both_sides * short), loss))
+    return more

@@ -60,7 +60,7 @@ def find_lane_changes(path: Path, rule: Rule) -> list[LaneChange]:
     sought = [not (main.reason or _refusal(main, path)) for main in mains]
     judged = _without_rest_between(found, path, rule, sought=sought)
     return [
-        judged[place] if change is mains[place] else replace(change, reason=_minor_reason(group))
+        judged[place] if change is mains[place] else replace(change, reason=_minor_reason(change, group, path))
         for place, group in enumerate(groups)
         for change in group
     ]
@@ -93,8 +93,9 @@ def _main(group: Sequence[LaneChange], path: Path, smooth: FloatArray) -> LaneCh
     return min(group[::2], key=lambda change: round(abs(float(smooth[0, change.crossing]) - marking), 6))
 
 
-def _minor_reason(group: Sequence[LaneChange]) -> str:
-    return names.FLICKER if len(group) % 2 else names.RETURNED
+def _minor_reason(change: LaneChange, group: Sequence[LaneChange], path: Path) -> str:
+    """Of a change that does not stand for its group: the first reason of ``names.REASONS`` that applies."""
+    return names.FLICKER if len(group) % 2 else _refusal(change, path) or names.RETURNED
 
 
 def _located(

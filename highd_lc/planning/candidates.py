@@ -26,8 +26,7 @@ from highd_lc.core.drive import (
     remembered,
 )
 from highd_lc.core.kernels import UNALIASED, kernel, plain
-from highd_lc.core.lcm import fused
-from highd_lc.core.losses import LossTerms
+from highd_lc.core.losses import LossTerms, charged
 from highd_lc.core.quintic import reaches
 from highd_lc.planning.candidates_av import drive_av
 from highd_lc.planning.contacts import (
@@ -218,9 +217,8 @@ def _step(
 ) -> None:
     """Charge candidate w's follower for its command at sample k, and move it."""
     x, v = state[FRONT * WIDTH + w], state[SPEED * WIDTH + w]
-    short = ref - v
-    charged = fused(efficiency, max(short, -both_sides * short), state[TO_H * WIDTH + w])
-    state[TO_H * WIDTH + w] = fused(counted, abs(a - state[COMMAND * WIDTH + w]), charged)
+    step = abs(a - state[COMMAND * WIDTH + w])
+    state[TO_H * WIDTH + w] = charged(state[TO_H * WIDTH + w], step, v, ref, counted, efficiency, both_sides)
     state[NEAREST * WIDTH + w] = min(state[NEAREST * WIDTH + w], spacing)
     own[k * WIDTH + w], speed[k * WIDTH + w] = x, v
     later, faster = advance(x, v, a, dt)

@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 from highd_lc.core.drive import advance, gentle, lcm_command
 from highd_lc.core.kernels import UNALIASED, kernel
 from highd_lc.core.lcm import fused
-from highd_lc.core.losses import LossTerms
+from highd_lc.core.losses import LossTerms, charged
 from highd_lc.core.quintic import (
     lateral,
     lateral_jerk,
@@ -58,10 +58,11 @@ def drive_av(
             v = fused(change, dq, fused(delta, dz, v_base))
             front[k * WIDTH + w] = fused(change, q, fused(delta, z, base))
             speed[k * WIDTH + w] = v
-            short = ref - np.sqrt(fused(v, v, vy * vy))
             jerk = abs(fused(change, j_q, fused(delta, j_z, j_base))) + jy
-            charged = fused(efficiency, max(short, -both_sides * short), state[TO_T * WIDTH + w])
-            state[TO_T * WIDTH + w] = fused(comfort, jerk, charged)
+            along = np.sqrt(fused(v, v, vy * vy))
+            state[TO_T * WIDTH + w] = charged(
+                state[TO_T * WIDTH + w], jerk, along, ref, comfort, efficiency, both_sides
+            )
     after = 1.0 if scene.after_lcm else 0.0
     # A plan that ends at H has no drive after T, hence no step onto it.
     handover = comfort / dt if scene.counts_handover and n + 1 < len(scene.target_v) else 0.0
@@ -80,8 +81,8 @@ def drive_av(
             x, v = advance(state[FRONT * WIDTH + w], state[SPEED * WIDTH + w], before, dt)
             a = after * lcm_command(v, target - x, target_v, v_desire, A, b, B, tau, L, hardest)
             a = gentle(a, before, most, step)
-            short = ref - v
-            charged = fused(efficiency, max(short, -both_sides * short), state[TO_H * WIDTH + w])
-            state[TO_H * WIDTH + w] = fused(comfort / dt, abs(a - before), charged)
+            state[TO_H * WIDTH + w] = charged(
+                state[TO_H * WIDTH + w], abs(a - before), v, ref, comfort / dt, efficiency, both_sides
+            )
             state[FRONT * WIDTH + w], state[SPEED * WIDTH + w], state[COMMAND * WIDTH + w] = x, v, a
             front[k * WIDTH + w], speed[k * WIDTH + w] = x, v

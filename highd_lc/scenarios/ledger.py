@@ -286,8 +286,12 @@ def _ledger_row(number: Published, book: Book, every: Book) -> Row:
     }
 
 
+_LAST_DIGITS = 1e-9
+"""What a value must be nearer by, relative to the printed one: cells that compute alike differ in last digits."""
+
+
 def _nearest(number: Published, every: Book) -> tuple[float, str]:
-    """Of all valid cells the value nearest to the printed one, and where it stands."""
+    """Of all valid cells the value nearest to the printed one, and where it stands; of equals the first."""
     if number.scenario == TABLE_3:
         return every.fits, ""
     best, where = np.nan, ""
@@ -296,7 +300,8 @@ def _nearest(number: Published, every: Book) -> tuple[float, str]:
         if any(map(not_valid, every.rows_behind(number, variant=variant, form=form, accounting=accounting))):
             continue
         value = every.value(number, variant=variant, form=form, accounting=accounting)
-        if not np.isnan(value) and not abs(value - number.value) >= abs(best - number.value):
+        nearer = abs(best - number.value) - abs(value - number.value)
+        if not np.isnan(value) and not nearer <= _LAST_DIGITS * abs(number.value):
             best, where = value, ", ".join(cell)
     return best, where
 

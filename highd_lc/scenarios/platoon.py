@@ -14,8 +14,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from highd_lc.core.drive import UNBOUNDED, advance, hardest_braking, lcm_command
+from highd_lc.core.drive import UNBOUNDED, advance, bounded, hardest_braking
 from highd_lc.core.kernels import kernel
+from highd_lc.core.lcm import lcm_of_inverses
 from highd_lc.planning.scene import Followers, Motion, Scene
 from highd_lc.vocab.driver import SIMULATION
 from highd_lc.vocab.errors import ShapeError
@@ -123,14 +124,8 @@ def _drive(
     out_a: FloatArray,
 ) -> None:
     p = len(x)
-    v_desire, A, b, B, tau, L = (
-        parameters[0],
-        parameters[1],
-        parameters[2],
-        parameters[3],
-        parameters[4],
-        parameters[5],
-    )
+    inverse_v, half_b, half_B = 1.0 / parameters[0], 0.5 / parameters[2], 0.5 / parameters[3]
+    A, tau, L = parameters[1], parameters[4], parameters[5]
     spacing, ahead_v, a = np.empty(p), np.empty(p), np.zeros(p)
     for k in range(len(lead_front)):
         if k >= held:
@@ -138,9 +133,10 @@ def _drive(
             for i in range(1, p):
                 spacing[i], ahead_v[i] = x[i - 1] - x[i], v[i - 1]
             for i in range(p):
-                a[i] = lcm_command(
-                    v[i], spacing[i], ahead_v[i], v_desire[i], A[i], b[i], B[i], tau[i], L[i], hardest
+                wanted = lcm_of_inverses(
+                    v[i], spacing[i], ahead_v[i], inverse_v[i], A[i], half_b[i], half_B[i], tau[i], L[i]
                 )
+                a[i] = bounded(wanted, hardest)
         for i in range(p):
             out_x[k, i], out_v[k, i], out_a[k, i] = x[i], v[i], a[i]
             x[i], v[i] = advance(x[i], v[i], a[i], dt)

@@ -27,7 +27,7 @@ from highd_lc.core.drive import (
 )
 from highd_lc.core.kernels import UNALIASED, kernel
 from highd_lc.core.lcm import MOTORWAY
-from highd_lc.core.losses import LossTerms
+from highd_lc.core.losses import LossTerms, charged
 from highd_lc.planning.contacts import NO_CONTACT
 from highd_lc.planning.replay import AvMotion, Entry, av_charge, joins
 from highd_lc.planning.scene import BARE_LCM, FAMILY, MEMORY, MOMENT, PackedScene
@@ -172,10 +172,8 @@ def _step(
         else:
             a = bounded(family_command(family, v, spacing, v_leader, length, v_desire, A, b, B, tau, L), hardest)
         later, faster = advance(x, v, a, dt)
-        short = ref - v
-        state[LOSS * K + w] += counted * abs(a - state[COMMAND * K + w]) + efficiency * max(
-            short, -both_sides * short
-        )
+        step = abs(a - state[COMMAND * K + w])
+        state[LOSS * K + w] = charged(state[LOSS * K + w], step, v, ref, counted, efficiency, both_sides)
         front[k * K + w], speed[k * K + w] = x, v
         state[FRONT * K + w], state[SPEED * K + w], state[COMMAND * K + w] = later, faster, a
 

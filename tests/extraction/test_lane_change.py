@@ -158,6 +158,17 @@ def test_marking_touched_long_before_does_not_spoil_a_change():
     assert reasons(found) == [names.RETURNED, names.RETURNED, ""]
 
 
+def test_a_hole_under_a_marking_that_is_touched_is_the_first_reason_that_applies():
+    track = path(20.0, (10.0, 5.0, 1))
+    y = track.y.copy()
+    y[2 * 25 : 4 * 25] += (LANE / 2 + 0.02) * np.hanning(2 * 25)
+    touched = replace(track, y=y, lane=1 + (y >= LANE).astype(np.int64))
+    over = 1 + int(np.flatnonzero(np.diff(touched.lane))[0])
+    kept = np.delete(np.arange(len(y)), slice(over - 3, over))
+    torn = replace(touched, frame=touched.frame[kept], lane=touched.lane[kept], y=y[kept])
+    assert reasons(find_lane_changes(torn, RULE)) == [names.TRACK_HOLE, names.RETURNED, ""]
+
+
 def test_leaving_the_markings_long_after_does_not_spoil_a_change():
     found = find_lane_changes(path(24.0, (1.0, 5.0, -1), (14.0, 5.0, -1), lane=2), RULE)
     assert reasons(found) == ["", names.OUTSIDE_MARKINGS]
