@@ -314,8 +314,8 @@ def pool_drivers(
 ) -> dict[str, int]:
     """Place of the common driver of each class that has fits, and of ``EVERYBODY`` if anybody was fitted.
 
-    With ``pool_election`` inside, those with the fewest parameters on bounds stand for it: a parameter that one
-    track left on a bound says nothing of others.
+    With ``pool_election = "inside"`` only fits with the fewest parameters on bounds are candidates: a parameter
+    that one track left on a bound says nothing of others.
     """
     pools = {name: np.flatnonzero(np.array(drivers.classes) == name) for name in sorted(set(drivers.classes))}
     pools[EVERYBODY] = np.arange(len(drivers))
@@ -371,7 +371,7 @@ def pool_idm(
 ) -> dict[str, FloatArray]:
     """The IDM of each class, and of ``EVERYBODY``, that drives the pool's tracks best, shape (5,).
 
-    leader_lengths [m] (n,); fits: v_desire, A, b, T, s0 (n, 5). Every k-th of a large pool elects.
+    leader_lengths [m] (n,); fits: v_desire, A, b, T, s0 (n, 5). Of a large pool every k-th fit is used.
     """
     found = {}
     for name in (EVERYBODY, *sorted(set(classes))):

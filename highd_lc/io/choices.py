@@ -79,7 +79,7 @@ def variants_of(settings: ValidateSettings) -> tuple[Variant, ...]:
     found = {RUN: own}
     for name, kind, sets in _asked(table):
         if name in found:
-            raise SettingsError(f"{path}: {name}: stands there twice; a name is needed for each")
+            raise SettingsError(f"{path}: {name}: this name is used twice; each choice needs its own")
         variant = _variant(f"{path}: {name}", name, kind, sets=sets, settings=settings)
         same = variant.accounting == own.accounting and _planned_by(variant.settings) == _planned_by(settings)
         if kind == COMBINATION or not same:
@@ -88,7 +88,7 @@ def variants_of(settings: ValidateSettings) -> tuple[Variant, ...]:
 
 
 def choices_text(settings: ValidateSettings) -> str:
-    """The text of the table of choices, on which results depend; empty where no event is planned so."""
+    """The text of the file of choices, on which results depend; empty if no event is planned under them."""
     if not (settings.multiverse.sample or settings.studies.chosen):
         return ""
     try:

@@ -58,7 +58,7 @@ class Layout:
     names: tuple[str, ...]
 
     def there(self, name: str) -> list[str]:
-        """How a column is written in the file: once, more often, or not at all."""
+        """All names in the file that mean this column; empty if it has none."""
         return [one for one in self.names if _plain(one) == name]
 
     @property

@@ -1,5 +1,7 @@
 """Global search over plans: every T on its grid, x_final (and v_end) on a grid, then zooming in.
 
+``search`` is the entry: it makes the ``grid`` and has it refined (``refine``).
+
 The objective is not smooth and its feasible set has holes, so no single descent finds the best plan (equations.md
 7). One simulation of a candidate serves every accounting and every weight of the AV: all candidates that were
 ever simulated form a pool, and each policy takes the best of it. So a policy cannot lose to another one in its

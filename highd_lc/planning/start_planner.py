@@ -60,7 +60,7 @@ def plan_starts(problem: PlanningProblem) -> list[Plan]:
 def plan_start(posed: StartProblem, policy: str, accounting: str, searched: dict[str, dict[Key, Pool]]) -> Plan:
     """The plan of one policy that chooses its start, as ``plan_starts`` has it.
 
-    searched: the candidates of forms that were searched before; those that the policy needs are put there.
+    searched: candidates by form, of the searches so far. What the policy needs beside them is searched and added.
     """
     problem, form = posed.problem, FORM_OF_START[policy]
     if overlap_at_start(problem):

@@ -160,7 +160,7 @@ def ledger_sections(ledger: pd.DataFrame) -> list[Section]:
 def reproduced(ledger: pd.DataFrame) -> pd.DataFrame:
     """The numbers that come out under the default options: comparisons first, each group in the paper's order.
 
-    Those of plans on a bound are among them, with the reason why they are not valid as their verdict.
+    Numbers of plans that are not valid, because they lie on a bound, are included; their verdict says why.
     """
     rows = ledger[_comes_out(ledger)]
     doubt = rows["verdict"] == NOT_VALID
@@ -237,7 +237,7 @@ _DETAIL_COLUMNS: Final = (
 def claims_section(claims: pd.DataFrame, *, title: str = "Claims", what: str = "variants") -> Section:
     """The claims by form and accounting: verdict under the default options, and in how many variants it holds.
 
-    what: of what the cells are counted; a sweep's are too many to be listed.
+    what: the unit that each cell counts. Only variants are listed one by one: a sweep's cells are too many.
     """
     labelled = claims.assign(
         words=claims["claim"].map(labels.CLAIMS),

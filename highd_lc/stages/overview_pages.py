@@ -246,7 +246,7 @@ _SHOWN: Final = {
 }
 """Pages of results alone: title, and the table without whose rows there is nothing to show."""
 OVERVIEW_PAGES: Final = tuple(_MAKERS)
-"""File names of the overview pages, the dearest first: made side by side, none is waited for at the end.
+"""File names of the overview pages, the slowest first, so that in parallel none is still running at the end.
 
 Of a work folder without their tables, ``missing_pages`` are left out.
 """
@@ -302,7 +302,7 @@ def has_scenarios(reports: Path) -> bool:
 
 
 def link_to_scenarios(scenarios: Path) -> None:
-    """Let the report above the scenarios' folder lead to them, if there is one and its link does."""
+    """Make the report in the parent folder, if there is one, link to the scenarios; its link leads to that name alone."""
     if scenarios.resolve().name == _SCENARIOS:
         _open(scenarios.resolve().parent, html.PAGES, TO_SCENARIOS)
 
