@@ -113,7 +113,7 @@ def lcm_of_inverses(
     tau: float,
     L: float,
 ) -> float:
-    """``lcm_acceleration`` from 1 / v_desire, 1 / (2 b) and 1 / (2 B), which a loop then divides by once."""
+    """``lcm_acceleration`` from 1 / v_desire, 1 / (2 b) and 1 / (2 B): a loop divides by parameters once."""
     wanted = _desired_spacing(v, v_leader, half_inverse_b, half_inverse_B, tau, L)
     exponent = min(max(1.0 - spacing / wanted, _SMALLEST_EXPONENT), _LARGEST_EXPONENT)
     a: float = A * (fused(-v, inverse_v_desire, 1.0) - vector_exp(exponent))

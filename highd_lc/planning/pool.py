@@ -58,7 +58,7 @@ class Pool:
         return len(self.n)
 
     def joined(self, *others: "Pool") -> "Pool":
-        """All pools in one, this one first. What this one knows of its candidates is not worked out again."""
+        """All pools in one, this one first. Its candidates' feasibility and losses are not worked out again."""
         pools = (self, *others)
         pool = Pool(*(np.concatenate([getattr(p, f) for p in pools]) for f in self.__dataclass_fields__))
         for accounting, kept in self._feasible.items():

@@ -302,7 +302,7 @@ def has_scenarios(reports: Path) -> bool:
 
 
 def link_to_scenarios(scenarios: Path) -> None:
-    """Make the report in the parent folder, if there is one, link to the scenarios; its link leads to that name alone."""
+    """Make a report in the parent folder link to the scenarios, if they have the name to which its link leads."""
     if scenarios.resolve().name == _SCENARIOS:
         _open(scenarios.resolve().parent, html.PAGES, TO_SCENARIOS)
 

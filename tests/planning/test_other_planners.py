@@ -54,6 +54,14 @@ def test_the_same_motion_costs_the_same(scene, accounting):
         assert {name: found.margins[name] for name in clear} == pytest.approx(clear, rel=1e-12)
 
 
+def test_its_margins_count_the_lateral_limit_that_a_profile_sets(scene):
+    safety = scene.settings.safety.model_copy(update={"lateral_acceleration": 1.0})
+    strict = lc.Scene(scene.planned, scene.settings.model_copy(update={"safety": safety}))
+    found = lc.plan(strict, fixed_quintic)
+    hardest = 10.0 / np.sqrt(3.0) * 3.75 / found.T**2
+    assert found.margins["acceleration_y"] == pytest.approx(1.0 - hardest, rel=1e-2)
+
+
 def test_it_is_tracked_and_drawn_as_ours(scene):
     found, mine = lc.plan(scene, ours(scene)), lc.plan(scene, lc.LOCAL_OPTIMUM)
     assert lc.track(found).rmse_lateral_m == pytest.approx(lc.track(mine).rmse_lateral_m, rel=1e-9)
