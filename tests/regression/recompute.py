@@ -355,12 +355,11 @@ def unchanged(event: Event) -> list[dict[str, np.ndarray]]:
 
 
 def weights(event: Event) -> np.ndarray:
-    """Equations 16 and 17: speed difference over the root of the spacing to the AV at t_start; alike where one has none."""
-    spacing = np.array(
-        [event.ego.x[0] - car.x[0] + (event.ego.length - car.length) / 2 for car in event.followers]
-    )
+    """Equations 16, 17: speed difference over the root of the spacing to the AV at t_start; alike without one."""
+    ego = event.ego
+    spacing = np.array([ego.x[0] - car.x[0] + (ego.length - car.length) / 2 for car in event.followers])
     spacing[spacing <= 0.0] = np.nan
-    sigma = np.array([abs(car.v[0] - event.ego.v[0]) for car in event.followers]) / np.sqrt(spacing)
+    sigma = np.array([abs(car.v[0] - ego.v[0]) for car in event.followers]) / np.sqrt(spacing)
     return sigma / sigma.sum() if sigma.sum() > 0 else np.full(len(sigma), 1 / len(sigma))
 
 
