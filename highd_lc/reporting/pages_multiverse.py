@@ -6,6 +6,7 @@ from typing import Any, Final
 import pandas as pd
 
 from highd_lc.reporting import html
+from highd_lc.reporting.certainty_words import counted
 from highd_lc.reporting.figures_studies import multiverse_figure
 from highd_lc.reporting.pages_data import Column, Section, overview_page, percentage, table_view
 
@@ -58,8 +59,9 @@ def range_words(table: pd.DataFrame) -> str:
     own = table.loc[table["variant"] == _RUN]
     events = int(own["n_events"].iloc[0]) if len(own) else int(table["n_events"].max())
     text = (
-        f"Over {len(known)} defensible ways to ask the question of the same sample of {events} events (fixed end "
-        f"speed), the gain goes from {_percent(low)} ({low['variant']}) to {_percent(high)} ({high['variant']}), "
+        f"Over {len(known)} defensible ways to ask the question of the same sample of {counted(events, 'event')} "
+        f"(fixed end speed), the gain goes from {_percent(low)} ({low['variant']}) to {_percent(high)} "
+        f"({high['variant']}), "
         f"median {html.percent(known['gain'].median())}"
     )
     return f"{text}; as in the run: {_percent(own.iloc[0])}." if len(own) else f"{text}."
