@@ -26,8 +26,8 @@ import numpy as np
 from numba import cfunc, njit, types
 from numpy.typing import NDArray
 
-from highd_lc.core.kernels import CALL_VALUES, call_at, kernel
-from highd_lc.core.lcm import desired_spacing, fused, idm_command, lcm_acceleration
+from highd_lc.core.kernels import CALL_VALUES, call_at, fused, kernel
+from highd_lc.core.lcm import desired_spacing, idm_command, lcm_acceleration
 from highd_lc.vocab import names
 from highd_lc.vocab.errors import SettingsError
 from highd_lc.vocab.follower_names import command_parameters, own_function

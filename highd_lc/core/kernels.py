@@ -16,6 +16,8 @@ flag, but ``njit`` does not offer it; so it is offered here, and left out where 
 
     @kernel(**UNALIASED)
 
+Products and sums that are fused by name, and the bits of a number.
+
 A call of a C function by its address, so that kernels that are compiled once can call what is given at run time.
 """
 
@@ -98,6 +100,39 @@ def plain(values: Any, dtype: Any = np.float64) -> NDArray[Any]:
     may not be written to, and so is every kernel that it calls.
     """
     return np.array(values, dtype, order="C")
+
+
+def _bits(typingctx: Any, value: Any) -> Any:
+    """The 64 bits of a float as an integer."""
+
+    def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        return builder.bitcast(args[0], context.get_value_type(types.int64))
+
+    return types.int64(types.float64), codegen
+
+
+def _float(typingctx: Any, value: Any) -> Any:
+    """The float that 64 bits stand for."""
+
+    def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        return builder.bitcast(args[0], context.get_value_type(types.float64))
+
+    return types.float64(types.int64), codegen
+
+
+def _fused_multiply_add(typingctx: Any, a: Any, b: Any, c: Any) -> Any:
+    """a b + c, rounded once."""
+
+    def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        return builder.fma(*args)
+
+    return types.float64(types.float64, types.float64, types.float64), codegen
+
+
+bits_of: Any = intrinsic(_bits)
+float_of: Any = intrinsic(_float)
+fused: Any = intrinsic(_fused_multiply_add)
+"""a b + c, rounded once; in kernels alone. Left to the compiler, last bits would depend on what it inlines."""
 
 
 CALL_VALUES = 10

@@ -15,13 +15,13 @@ The exponential is the whole cost of the LCM. ``math.exp`` is a call that stops 
 around it (numba's wheels carry no vector math library), so the hot kernels use this polynomial instead.
 """
 
-from typing import Any, Final, NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
-from numba import njit, types
-from numba.extending import intrinsic
+from numba import njit
 from numpy.typing import NDArray
 
+from highd_lc.core.kernels import bits_of, float_of, fused
 from highd_lc.vocab.driver import REPLAY_L_BOUNDS
 
 _LOG2_E = 1.4426950408889634
@@ -31,39 +31,6 @@ _LN2_LOW = 1.90821492927058770002e-10
 _ROUND = 6755399441055744.0
 _C2, _C3, _C4, _C5, _C6, _C7 = 1 / 2, 1 / 6, 1 / 24, 1 / 120, 1 / 720, 1 / 5040
 _C8, _C9, _C10, _C11, _C12 = 1 / 40320, 1 / 362880, 1 / 3628800, 1 / 39916800, 1 / 479001600
-
-
-def _bits(typingctx: Any, value: Any) -> Any:
-    """The 64 bits of a float as an integer."""
-
-    def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        return builder.bitcast(args[0], context.get_value_type(types.int64))
-
-    return types.int64(types.float64), codegen
-
-
-def _float(typingctx: Any, value: Any) -> Any:
-    """The float that 64 bits stand for."""
-
-    def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        return builder.bitcast(args[0], context.get_value_type(types.float64))
-
-    return types.float64(types.int64), codegen
-
-
-def _fused_multiply_add(typingctx: Any, a: Any, b: Any, c: Any) -> Any:
-    """a b + c, rounded once."""
-
-    def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        return builder.fma(*args)
-
-    return types.float64(types.float64, types.float64, types.float64), codegen
-
-
-_bits_of: Any = intrinsic(_bits)
-_float_of: Any = intrinsic(_float)
-fused: Any = intrinsic(_fused_multiply_add)
-"""a b + c, rounded once; in kernels alone. Left to the compiler, last bits would depend on what it inlines."""
 
 
 @njit(inline="always")
@@ -81,7 +48,7 @@ def vector_exp(x: float) -> float:
     low = fused(r2, fused(_C3, r, _C2), 1.0 + r)
     middle = fused(r2, fused(_C7, r, _C6), fused(_C5, r, _C4))
     high = fused(r4, _C12, fused(r2, fused(_C11, r, _C10), fused(_C9, r, _C8)))
-    scale: float = _float_of((_bits_of(shifted) + np.int64(1023)) << np.int64(52))
+    scale: float = float_of((bits_of(shifted) + np.int64(1023)) << np.int64(52))
     value: float = fused(r4, fused(r4, high, middle), low) * scale
     return value
 

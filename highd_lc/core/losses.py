@@ -13,7 +13,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from highd_lc.core.lcm import fused
+from highd_lc.core.kernels import fused
 
 FloatArray = NDArray[np.float64]
 Value = TypeVar("Value", float, FloatArray)

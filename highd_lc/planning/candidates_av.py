@@ -4,8 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from highd_lc.core.drive import advance, gentle, lcm_command
-from highd_lc.core.kernels import UNALIASED, kernel
-from highd_lc.core.lcm import fused
+from highd_lc.core.kernels import UNALIASED, fused, kernel
 from highd_lc.core.losses import LossTerms, charged
 from highd_lc.core.quintic import (
     lateral,
